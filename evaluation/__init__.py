@@ -1,0 +1,1 @@
+"""Numbers against the truth: pure functions of arrays, and the tables and plots made of them."""

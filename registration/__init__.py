@@ -1,0 +1,1 @@
+"""Two clouds in, one motion out: knows no track, no clock, no KITTI."""

@@ -1,0 +1,1 @@
+"""Clouds with exact truth: meshes and the LiDAR that looks at them."""

@@ -1,0 +1,1 @@
+"""The command `regmot`: arguments and files."""

@@ -1,0 +1,1 @@
+"""Time and identity: who is where, and how fast."""

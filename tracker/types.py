@@ -1,0 +1,186 @@
+"""Time and identity: frames, boxes, segments, tracklets and velocity estimates, all frozen."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float64
+
+from registration import se3
+from registration.types import Point, Points, Transform
+
+Vector2 = Float64[np.ndarray, "2"]
+Covariance2 = Float64[np.ndarray, "2 2"]
+
+WORLD, SENSOR = "world", "sensor"  # frames a velocity can be in: fixed to the ground, or moving with the ego
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """An oriented box around one object in one scan.
+
+    Attributes:
+        track_id: identity of the object within its sequence.
+        class_name: the data set's own word: `Car`, `Van`, `Pedestrian`, ...
+        T_lidar_obj: pose of the box: origin at its centre, x along the heading, z up.
+        size: length (x), width (y), height (z) [m].
+        truncation: how far the object leaves the image, as the data set codes it; -1 where unknown.
+        occlusion: how far it is hidden, as the data set codes it; -1 where unknown.
+    """
+
+    track_id: int
+    class_name: str
+    T_lidar_obj: Transform
+    size: Point
+    truncation: int = -1
+    occlusion: int = -1
+
+    @property
+    def center_lidar(self) -> Point:
+        """Centre of the box [m]."""
+        return self.T_lidar_obj[:3, 3].copy()
+
+    @property
+    def yaw_lidar(self) -> float:
+        """Heading, counter-clockwise about +z [rad]."""
+        return se3.yaw(self.T_lidar_obj)
+
+    @property
+    def corners_lidar(self) -> Points:
+        """The eight corners (8, 3) [m]; rows 0-3 are the bottom, front left first, counter-clockwise."""
+        signs = np.array([[x, y, z] for z in (-1, 1) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))])
+        return se3.transform(self.T_lidar_obj, 0.5 * signs * self.size)
+
+    @property
+    def ground_z_lidar(self) -> float:
+        """Height of the lowest corner [m]: where the object stands."""
+        return float(self.corners_lidar[:, 2].min())
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One sweep of the sensor and what is known with it.
+
+    Attributes:
+        index: number of the frame in its sequence.
+        timestamp: [s], from any epoch.
+        boxes: the objects of the frame.
+        points_lidar: the scan (n, 3) [m], or None where the data set lists the frame but has no scan of it.
+        T_world_lidar: pose of the sensor, or None where nothing is known of the ego's motion.
+    """
+
+    index: int
+    timestamp: float
+    boxes: tuple[Box, ...]
+    points_lidar: Points | None
+    T_world_lidar: Transform | None
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """The points of one object in one scan: all that an estimator may know of it.
+
+    Attributes:
+        track_id: identity of the object within its sequence.
+        class_name: the data set's own word.
+        frame: number of the frame in its sequence.
+        timestamp: [s].
+        points_lidar: the object's points (n, 3) [m]; n = 0 where the box is empty.
+        ground_z_lidar: height of the ground under the object [m].
+    """
+
+    track_id: int
+    class_name: str
+    frame: int
+    timestamp: float
+    points_lidar: Points
+    ground_z_lidar: float
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentedFrame:
+    """All segments of one scan, and apart from them the boxes that they were cut by.
+
+    The boxes are for evaluation: truth is made from them, so no estimator gets to see them.
+    """
+
+    index: int
+    timestamp: float
+    segments: dict[int, Segment]
+    boxes: dict[int, Box]
+    T_world_lidar: Transform | None
+
+
+@dataclass(frozen=True, slots=True)
+class Tracklet:
+    """One object over consecutive frames, without a gap.
+
+    Attributes:
+        track_id: identity of the object within its sequence; a track with gaps makes several tracklets.
+        class_name: the data set's own word.
+        segments: one a frame, in order; consecutive frames.
+        T_world_lidar: pose of the sensor at each of them, or None throughout.
+    """
+
+    track_id: int
+    class_name: str
+    segments: tuple[Segment, ...]
+    T_world_lidar: tuple[Transform | None, ...]
+
+
+class EstimateStatus(str, Enum):
+    """How a velocity came about; the first is a measurement, all others are counted as abstentions.
+
+    The words are those of `registration.Status`, and two that only a track has.
+    """
+
+    CONVERGED = "converged"
+    TOO_FEW_POINTS = "too-few-points"
+    NO_OVERLAP = "no-overlap"
+    NOT_CONVERGED = "not-converged"
+    NEW_TRACK = "new-track"  # seen for the first time: nothing can be known of its velocity
+    NO_POINTS = "no-points"  # the box is empty: the velocity is the last one, less sure
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityEstimate:
+    """How fast one object moves at one moment, and how sure that is.
+
+    Attributes:
+        track_id: identity of the object within its sequence.
+        frame: number of the frame; the velocity is that of the step that ends there.
+        timestamp: [s].
+        frame_name: `world` (fixed to the ground) or `sensor` (relative to the ego, in the sensor's axes).
+        position: the point that the velocity refers to, horizontal [m], in that frame.
+        velocity: (vx, vy) [m/s].
+        covariance: of the velocity [m^2/s^2].
+        yaw_rate: [rad/s]; NaN for estimators that know nothing of it.
+        range_m: horizontal distance from the sensor [m].
+        n_points: size of the segment.
+        status: CONVERGED, or why the estimator abstained (its fallback stands in `velocity`).
+    """
+
+    track_id: int
+    frame: int
+    timestamp: float
+    frame_name: str
+    position: Vector2
+    velocity: Vector2
+    covariance: Covariance2
+    yaw_rate: float
+    range_m: float
+    n_points: int
+    status: EstimateStatus
+
+    @property
+    def speed(self) -> float:
+        """Magnitude of the velocity [m/s]."""
+        return float(np.hypot(*self.velocity))
+
+    @property
+    def abstained(self) -> bool:
+        """Whether the velocity is a fallback and no measurement."""
+        return self.status is not EstimateStatus.CONVERGED
