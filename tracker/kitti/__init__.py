@@ -1,1 +1,6 @@
 """The only place that knows the files, axes and quirks of KITTI."""
+
+from tracker.kitti.root import open_sequence, sequence_names
+from tracker.kitti.sequence import KittiSequence
+
+__all__ = ["KittiSequence", "open_sequence", "sequence_names"]

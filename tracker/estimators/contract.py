@@ -1,0 +1,211 @@
+"""What a velocity estimator is, and the shell that all of ours share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from registration import se3
+from registration.types import Point, Points, Transform
+from tracker.smoothing import ACCELERATION_VARIANCE, Smoothing
+from tracker.types import (
+    SENSOR,
+    WORLD,
+    Covariance2,
+    EstimateStatus,
+    Segment,
+    Tracklet,
+    Vector2,
+    VelocityEstimate,
+)
+
+# What is known of a velocity before the first measurement.  Relative speeds on a highway reach 60 m/s.
+UNKNOWN_VARIANCE = 30.0**2  # [m^2/s^2]
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """Segments in, velocities out: online one frame at a time, or offline one tracklet at a time.
+
+    Estimators never see a label's box: truth is made from it.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name that tables print."""
+
+    def step(
+        self, segments: Mapping[int, Segment], timestamp: float, T_world_lidar: Transform | None
+    ) -> dict[int, VelocityEstimate]:
+        """Take all objects of a frame; give a velocity for each, from this and earlier frames only.
+
+        Args:
+            segments: by track id.  A track that is not among them is forgotten.
+            timestamp: time of the frame [s].
+            T_world_lidar: pose of the sensor.  With it velocities are in the world frame; with None they are
+                relative to the sensor, in the sensor's axes.
+        """
+
+    def smooth(self, tracklet: Tracklet) -> list[VelocityEstimate]:
+        """Give a velocity for each segment of a tracklet, from its past and its future."""
+
+    def smoothed(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
+        """Smooth what `step` gave for one tracklet, without looking at the points again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A segment as an estimator looks at it: points in the frame of its velocities, z above the ground.
+
+    Attributes:
+        points: (n, 3) [m]; horizontal axes of the world or of the sensor.
+        centroid: mean of the points [m].
+        midpoint: middle of the points' bounding box [m]: the reference point of displacements, since the
+            centroid wanders with the density of the points.
+        timestamp: [s].
+        range_m: horizontal distance of the midpoint from the sensor [m].
+    """
+
+    points: Points
+    centroid: Point
+    midpoint: Point
+    timestamp: float
+    range_m: float
+
+
+def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
+    """Bring a non-empty segment into the frame of its velocities."""
+    centroid_lidar = segment.points_lidar.mean(axis=0)
+    T = np.eye(4) if T_world_lidar is None else T_world_lidar
+    ground_lidar = np.array([centroid_lidar[0], centroid_lidar[1], segment.ground_z_lidar])
+    ground_z = float(se3.transform(T, ground_lidar[None])[0, 2])
+    points = se3.transform(T, segment.points_lidar) - [0.0, 0.0, ground_z]
+    midpoint = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    sensor_xy = T[:2, 3]
+    return Sighting(
+        points=points,
+        centroid=points.mean(axis=0),
+        midpoint=midpoint,
+        timestamp=segment.timestamp,
+        range_m=float(np.hypot(*(midpoint[:2] - sensor_xy))),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What an estimator found out about one object in one frame."""
+
+    position: Vector2
+    velocity: Vector2
+    covariance: Covariance2
+    yaw_rate: float
+    status: EstimateStatus
+
+
+class FrameEstimator(ABC):
+    """The shell of an estimator: keeps track of who is there, and deals with new and with empty segments.
+
+    Subclasses fill in `measure` for the objects that have points; `forget` for those that are gone.
+    """
+
+    name: str
+
+    def __init__(self, smoothing: Smoothing) -> None:
+        """Start with no tracks; `smoothing` is what `smooth` and `smoothed` do."""
+        self.smoothing = smoothing
+        self._last: dict[int, VelocityEstimate] = {}
+
+    @abstractmethod
+    def measure(self, sightings: Mapping[int, Sighting]) -> dict[int, Measurement]:
+        """Give the velocity of each object that was seen before; the others start a track."""
+
+    @abstractmethod
+    def forget(self, track_id: int) -> None:
+        """Drop what is kept of a track."""
+
+    @abstractmethod
+    def fresh(self) -> "FrameEstimator":
+        """Make an estimator with the same settings and no tracks."""
+
+    @abstractmethod
+    def smoothed(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
+        """Smooth what `step` gave for one tracklet."""
+
+    def step(
+        self, segments: Mapping[int, Segment], timestamp: float, T_world_lidar: Transform | None
+    ) -> dict[int, VelocityEstimate]:
+        """Take all objects of a frame; see `Estimator.step`."""
+        frame_name = SENSOR if T_world_lidar is None else WORLD
+        for track_id, last in list(self._last.items()):
+            if track_id not in segments or last.frame_name != frame_name:
+                self.forget(track_id)
+                del self._last[track_id]
+        sightings = {
+            track_id: look(segment, T_world_lidar)
+            for track_id, segment in segments.items()
+            if len(segment.points_lidar)
+        }
+        measured = self.measure(sightings)
+        estimates = {}
+        for track_id, segment in segments.items():
+            if track_id in measured:
+                found = measured[track_id]
+            elif track_id in self._last:
+                found = _hold(self._last[track_id], timestamp)
+            else:
+                found = _new_track(sightings.get(track_id))
+            estimates[track_id] = _estimate(segment, sightings.get(track_id), found, frame_name, timestamp)
+        self._last = estimates
+        return estimates
+
+    def smooth(self, tracklet: Tracklet) -> list[VelocityEstimate]:
+        """Run over the tracklet as if it were live, then smooth; the estimator's own tracks stay as they are."""
+        fresh = self.fresh()
+        causal = []
+        for segment, T_world_lidar in zip(tracklet.segments, tracklet.T_world_lidar, strict=True):
+            step = fresh.step({tracklet.track_id: segment}, segment.timestamp, T_world_lidar)
+            causal.append(step[tracklet.track_id])
+        return self.smoothed(causal)
+
+
+def _hold(last: VelocityEstimate, timestamp: float) -> Measurement:
+    """Keep the last velocity where there are no points, less sure by what it may have changed."""
+    dt = timestamp - last.timestamp
+    is_new = last.status is EstimateStatus.NEW_TRACK
+    return Measurement(
+        position=last.position + last.velocity * dt,
+        velocity=last.velocity,
+        covariance=last.covariance + ACCELERATION_VARIANCE * dt**2 * np.eye(2),
+        yaw_rate=last.yaw_rate,
+        status=EstimateStatus.NEW_TRACK if is_new else EstimateStatus.NO_POINTS,
+    )
+
+
+def _new_track(sighting: Sighting | None) -> Measurement:
+    return Measurement(
+        position=np.full(2, np.nan) if sighting is None else sighting.midpoint[:2],
+        velocity=np.zeros(2),
+        covariance=UNKNOWN_VARIANCE * np.eye(2),
+        yaw_rate=float("nan"),
+        status=EstimateStatus.NEW_TRACK,
+    )
+
+
+def _estimate(
+    segment: Segment, sighting: Sighting | None, found: Measurement, frame_name: str, timestamp: float
+) -> VelocityEstimate:
+    return VelocityEstimate(
+        track_id=segment.track_id,
+        frame=segment.frame,
+        timestamp=timestamp,
+        frame_name=frame_name,
+        position=found.position,
+        velocity=found.velocity,
+        covariance=found.covariance,
+        yaw_rate=found.yaw_rate,
+        range_m=float("nan") if sighting is None else sighting.range_m,
+        n_points=len(segment.points_lidar),
+        status=found.status,
+    )

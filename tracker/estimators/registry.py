@@ -1,0 +1,48 @@
+"""Names to estimators: the centroid filter, and every registration method by its own name."""
+
+import registration
+from tracker.errors import InputError, UnknownEstimatorError
+from tracker.estimators.centroid_kalman import CentroidKalman
+from tracker.estimators.contract import Estimator
+from tracker.estimators.registration import RegistrationEstimator
+from tracker.smoothing import RauchTungStriebel, Smoothing, WindowMean
+
+CAUSAL = "causal"
+SMOOTHINGS = (CAUSAL, "window", "rts")
+
+
+def estimator_names() -> list[str]:
+    """List the names that `create_estimator` knows."""
+    return sorted([CentroidKalman.name, *registration.names()])
+
+
+def create_estimator(name: str, smoothing: Smoothing | None = None) -> Estimator:
+    """Make an estimator from its name.
+
+    Args:
+        name: `centroid-kf`, or a registration method's name.
+        smoothing: what its `smooth` does; a window of w = 1 unless said.
+
+    Raises:
+        UnknownEstimatorError: no estimator and no registration method has that name.
+        RegistrationError: the method cannot be created; the message says why.
+    """
+    if name == CentroidKalman.name:
+        return CentroidKalman(smoothing)
+    if name not in registration.names():
+        raise UnknownEstimatorError(name, estimator_names())
+    return RegistrationEstimator(registration.create(name), smoothing)
+
+
+def create_smoothing(name: str, half_width: int = 1) -> Smoothing:
+    """Make a smoothing from its name in SMOOTHINGS; `causal` has none.
+
+    Raises:
+        InputError: no such smoothing, or a negative window.
+    """
+    if name == "window" and half_width >= 0:
+        return WindowMean(half_width)
+    if name == "rts":
+        return RauchTungStriebel()
+    what = f"a window of {half_width}" if name == "window" else f"smoothing {name!r}"
+    raise InputError(f"there is no {what}; expected one of {', '.join(SMOOTHINGS)}, and a window of 0 or more")

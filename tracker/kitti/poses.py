@@ -1,0 +1,72 @@
+"""Where the sensor was: GPS/IMU records (`oxts`) or a file of poses."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from registration import se3
+from registration.types import Transform
+from tracker.errors import DataError
+
+N_OXTS_COLUMNS = 30
+
+Poses = Float64[np.ndarray, "n 4 4"]
+
+
+def read_poses(path: Path) -> Poses:
+    """Read T_world_lidar of each frame: 12 numbers a line, the rows of a 3x4 matrix.
+
+    The world is the file's own frame (usually the LiDAR's first).  Its rotations are made orthonormal when
+    rounding has bent them by less than 1e-3, and refused otherwise.
+
+    Raises:
+        DataError: a line does not hold 12 finite numbers, or no rotation; the message has path and line.
+    """
+    rows = []
+    for number, line in enumerate(path.read_text().splitlines(), start=1):
+        if not line.strip():
+            continue
+        values = _numbers(path, number, line.split())
+        if len(values) != 12:
+            raise DataError(path, f"expected 12 numbers (a 3x4 pose), got {len(values)}", number)
+        M = values.reshape(3, 4)
+        R = se3.nearest_rotation(M[:, :3])
+        if not np.allclose(R, M[:, :3], atol=1e-3):
+            raise DataError(path, "expected a rotation in the first three columns, got another matrix", number)
+        rows.append(se3.pose(R, M[:, 3]))
+    if not rows:
+        raise DataError(path, "expected one pose a line, got an empty file")
+    return np.array(rows)
+
+
+def read_oxts(files: Sequence[Path], T_lidar_imu: Transform) -> Poses:
+    """Turn GPS/IMU records into T_world_lidar: pykitti's Mercator projection, east-north-up, first IMU at 0.
+
+    Args:
+        files: one file with a record a line (tracking), or one file a record (raw).
+        T_lidar_imu: the IMU's pose in the LiDAR frame.
+
+    Raises:
+        DataError: a record does not hold 30 finite numbers; the message has path and line.
+    """
+    for path in files:
+        for number, line in enumerate(path.read_text().splitlines(), start=1):
+            values = _numbers(path, number, line.split())
+            if len(values) != N_OXTS_COLUMNS:
+                raise DataError(path, f"expected {N_OXTS_COLUMNS} columns, got {len(values)}", number)
+    from pykitti import utils  # its package pulls in pandas and cv2: seconds that only oxts is worth
+
+    T_imu_lidar = se3.invert(T_lidar_imu)
+    return np.array([oxts.T_w_imu @ T_imu_lidar for oxts in utils.load_oxts_packets_and_poses(files)])
+
+
+def _numbers(path: Path, number: int, words: list[str]) -> np.ndarray:
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        raise DataError(path, f"expected numbers, got {' '.join(words)[:80]!r}", number) from None
+    if not np.isfinite(values).all():
+        raise DataError(path, "expected finite numbers, got NaN or infinity", number)
+    return values

@@ -1,0 +1,128 @@
+"""KITTI raw drives: `date/date_drive_NNNN_sync` with `velodyne_points`, `oxts` and `tracklet_labels.xml`."""
+
+from collections import defaultdict
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from jaxtyping import Float64
+
+from registration import se3
+from tracker.errors import DataError, MissingDataError
+from tracker.kitti.calib import read_raw_calib
+from tracker.kitti.clock import read_times
+from tracker.kitti.poses import Poses, read_oxts
+from tracker.kitti.sequence import KittiSequence, choose_times, count_frames
+from tracker.types import Box
+
+TRACKLETS = "tracklet_labels.xml"
+
+
+def drive_folders(root: Path) -> list[Path]:
+    """Find raw drives: the root itself, or those below a day's folder."""
+    if (root / "velodyne_points").is_dir() or (root / TRACKLETS).is_file():
+        return [root]
+    return sorted(path for path in root.glob("*_drive_*_*") if (path / "velodyne_points").is_dir())
+
+
+def open_raw(root: Path, folder: Path, clock: str = "auto") -> KittiSequence:
+    """Read a drive's tracklets, times and GPS/IMU poses; scans stay on disk and are found by frame number.
+
+    Raises:
+        MissingDataError: the drive has no tracklets.
+        DataError: a file is malformed, or has fewer rows than there are frames.
+    """
+    label_path, scans = folder / TRACKLETS, folder / "velodyne_points" / "data"
+    by_frame = read_tracklets(label_path)
+    n_frames = count_frames(max(by_frame, default=-1), scans)
+    times, clock_source, time_files = _choose_times(folder, n_frames, clock)
+    poses, ego, pose_files = _choose_poses(folder, n_frames)
+    track_ids = {box.track_id for boxes in by_frame.values() for box in boxes}
+    return KittiSequence(
+        name=folder.name,
+        root=root,
+        timestamps=times,
+        clock=clock_source,
+        poses=poses,
+        ego=ego,
+        scan_path=lambda frame: scans / f"{frame:010d}.bin",
+        boxes_of=lambda frame: by_frame.get(frame, ()),
+        reindexed={track_id: rank for rank, track_id in enumerate(sorted(track_ids))},
+        sources=(label_path, *time_files, *pose_files),
+    )
+
+
+def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
+    """Read `tracklet_labels.xml`: the boxes of each frame; a tracklet's place in the file is its track id.
+
+    Raises:
+        MissingDataError: there is no such file.
+        DataError: it is no XML, or a tracklet lacks a field.
+    """
+    if not path.is_file():
+        raise MissingDataError(f"{path}: no such file; a raw drive's objects are in its {TRACKLETS}")
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise DataError(path, f"expected XML, got {error.msg}", error.position[0]) from None
+    frames: dict[int, list[Box]] = defaultdict(list)
+    items = root.findall("item") if root.tag == "tracklets" else root.findall("tracklets/item")
+    for track_id, item in enumerate(items):
+        where = f"tracklet {track_id}"
+        size = np.array([_number(path, item, key, where) for key in ("l", "w", "h")])
+        first = int(_number(path, item, "first_frame", where))
+        class_name = item.findtext("objectType", default="").strip()
+        if not class_name or size.min() <= 0.0 or first < 0:
+            raise DataError(path, f"{where}: expected objectType, positive h w l and first_frame >= 0")
+        for step, pose in enumerate(item.findall("poses/item")):
+            box = _box(path, pose, track_id, class_name, size)
+            frames[first + step].append(box)
+    return {frame: tuple(boxes) for frame, boxes in frames.items()}
+
+
+def _box(
+    path: Path, pose: ElementTree.Element, track_id: int, class_name: str, size: Float64[np.ndarray, "3"]
+) -> Box:
+    x, y, z, yaw = (_number(path, pose, key, f"tracklet {track_id}") for key in ("tx", "ty", "tz", "rz"))
+    bottom_to_center = 0.5 * size[2]  # tz is the height of the bottom
+    return Box(
+        track_id=track_id,
+        class_name=class_name,
+        T_lidar_obj=se3.from_yaw(yaw, np.array([x, y, z + bottom_to_center])),
+        size=size,
+        truncation=int(float(pose.findtext("truncation", default="-1"))),
+        occlusion=int(float(pose.findtext("occlusion", default="-1"))),
+    )
+
+
+def _number(path: Path, element: ElementTree.Element, key: str, where: str) -> float:
+    text = element.findtext(key)
+    try:
+        value = float(text if text is not None else "nothing")
+    except ValueError:
+        raise DataError(path, f"{where}: expected a number in <{key}>, got {text!r}") from None
+    if not np.isfinite(value):
+        raise DataError(path, f"{where}: expected a finite number in <{key}>, got {text!r}")
+    return value
+
+
+def _choose_times(
+    folder: Path, n_frames: int, clock: str
+) -> tuple[Float64[np.ndarray, " n"], str, tuple[Path, ...]]:
+    """Prefer the scans' own stamps; where they leave out missing scans, the GPS/IMU's, one a frame."""
+    scan_stamps, imu_stamps = (folder / name / "timestamps.txt" for name in ("velodyne_points", "oxts"))
+    leaves_out = scan_stamps.is_file() and imu_stamps.is_file() and len(read_times(scan_stamps)) < n_frames
+    return choose_times([imu_stamps] if leaves_out else [scan_stamps, imu_stamps], n_frames, clock)
+
+
+def _choose_poses(folder: Path, n_frames: int) -> tuple[Poses | None, str, tuple[Path, ...]]:
+    records = sorted((folder / "oxts" / "data").glob("*.txt"))
+    if not records:
+        return None, "none", ()
+    T_lidar_imu = read_raw_calib(folder.parent).T_lidar_imu
+    if T_lidar_imu is None:
+        raise MissingDataError(f"{folder}: oxts needs the IMU's place: no {folder.parent}/calib_imu_to_velo.txt")
+    if len(records) < n_frames:
+        what = f"expected a record for each of {n_frames} frames, got {len(records)}"
+        raise DataError(folder / "oxts" / "data", what)
+    return read_oxts(records[:n_frames], T_lidar_imu), "oxts", tuple(records)

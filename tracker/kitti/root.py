@@ -1,0 +1,52 @@
+"""What a folder holds: a tracking benchmark's tree or raw drives, and its sequences by name."""
+
+from pathlib import Path
+
+from registration.errors import unknown_name
+from tracker.errors import InputError, MissingDataError
+from tracker.kitti import raw, tracking
+from tracker.kitti.sequence import KittiSequence
+
+
+def sequence_names(root: Path) -> list[str]:
+    """List the sequences below ROOT: `0000`, ... of the tracking benchmark, or raw drives' folder names.
+
+    Raises:
+        MissingDataError: there is no such folder, or it holds neither.
+    """
+    if not root.is_dir():
+        raise MissingDataError(f"{root}: no such folder")
+    folder = tracking.training_folder(root)
+    if folder is not None:
+        names = tracking.sequence_names(folder)
+    else:
+        names = [path.name for path in raw.drive_folders(root)]
+    if not names:
+        found = ", ".join(sorted(path.name for path in root.iterdir())[:8]) or "an empty folder"
+        raise MissingDataError(
+            f"{root}: expected a KITTI tracking folder (label_02/*.txt, velodyne, calib; or the same below training) "
+            f"or a raw drive (velodyne_points, tracklet_labels.xml), got {found}"
+        )
+    return names
+
+
+def open_sequence(root: Path, name: str, clock: str = "auto") -> KittiSequence:
+    """Open one sequence of ROOT.
+
+    Args:
+        root: a tracking benchmark's folder, a raw drive, or a day of raw drives.
+        name: one of `sequence_names(root)`.
+        clock: `auto` (recorded stamps where there are any) or `nominal` (10 Hz).
+
+    Raises:
+        MissingDataError, DataError: a file is not there, or malformed.
+        InputError: no such sequence, or no such clock.
+    """
+    names = sequence_names(root)
+    if name not in names:
+        raise InputError(f"{root}: {unknown_name('sequence', name, names)}")
+    folder = tracking.training_folder(root)
+    if folder is not None:
+        return tracking.open_tracking(root, folder, name, clock)
+    drive = next(path for path in raw.drive_folders(root) if path.name == name)
+    return raw.open_raw(root, drive, clock)

@@ -1,0 +1,77 @@
+"""The tracking benchmark's folder: `velodyne/NNNN`, `label_02`, `calib`, and where there `oxts`, `poses`, `times`."""
+
+from collections import defaultdict
+from pathlib import Path
+
+from registration import se3
+from tracker.errors import DataError, MissingDataError
+from tracker.kitti.calib import Calibration, read_tracking_calib
+from tracker.kitti.labels import Label, read_labels
+from tracker.kitti.poses import Poses, read_oxts, read_poses
+from tracker.kitti.sequence import KittiSequence, choose_times, count_frames
+from tracker.kitti.splits import reindex
+from tracker.types import Box
+
+
+def training_folder(root: Path) -> Path | None:
+    """Find the folder with `label_02`: the root itself or its `training`; None where there is none."""
+    return next((folder for folder in (root, root / "training") if (folder / "label_02").is_dir()), None)
+
+
+def sequence_names(folder: Path) -> list[str]:
+    """List the sequences that have labels."""
+    return sorted(path.stem for path in (folder / "label_02").glob("*.txt"))
+
+
+def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto") -> KittiSequence:
+    """Read a sequence's labels, calibration, times and poses; scans stay on disk.
+
+    Raises:
+        MissingDataError: labels or calibration are not there.
+        DataError: a file is malformed, or has fewer rows than there are frames.
+    """
+    label_path, calib_path = folder / "label_02" / f"{name}.txt", folder / "calib" / f"{name}.txt"
+    labels = read_labels(label_path)
+    calibration = read_tracking_calib(calib_path)
+    scans = folder / "velodyne" / name
+    n_frames = count_frames(max((label.frame for label in labels), default=-1), scans)
+    times, clock_source, time_files = choose_times([folder / "times" / f"{name}.txt"], n_frames, clock)
+    poses, ego, pose_files = _choose_poses(folder, name, calibration, n_frames)
+    by_frame: dict[int, list[Label]] = defaultdict(list)
+    for label in labels:
+        by_frame[label.frame].append(label)
+    T_lidar_cam = se3.invert(calibration.T_cam_lidar)
+
+    def boxes_of(frame: int) -> tuple[Box, ...]:
+        return tuple(label.to_box(T_lidar_cam) for label in by_frame.get(frame, []))
+
+    return KittiSequence(
+        name=name,
+        root=root,
+        timestamps=times,
+        clock=clock_source,
+        poses=poses,
+        ego=ego,
+        scan_path=lambda frame: scans / f"{frame:06d}.bin",
+        boxes_of=boxes_of,
+        reindexed=reindex(label.track_id for label in labels),
+        sources=(label_path, calib_path, *time_files, *pose_files),
+    )
+
+
+def _choose_poses(
+    folder: Path, name: str, calibration: Calibration, n_frames: int
+) -> tuple[Poses | None, str, tuple[Path, ...]]:
+    """Prefer a pose file, which somebody put there on purpose, to GPS/IMU records, to nothing."""
+    pose_path, oxts_path = folder / "poses" / f"{name}.txt", folder / "oxts" / f"{name}.txt"
+    if pose_path.is_file():
+        path, poses, source = pose_path, read_poses(pose_path), "poses"
+    elif oxts_path.is_file():
+        if calibration.T_lidar_imu is None:
+            raise MissingDataError(f"{oxts_path} needs the IMU's place: no Tr_imu_to_velo in calib/{name}.txt")
+        path, poses, source = oxts_path, read_oxts([oxts_path], calibration.T_lidar_imu), "oxts"
+    else:
+        return None, "none", ()
+    if len(poses) < n_frames:
+        raise DataError(path, f"expected a pose for each of {n_frames} frames, got {len(poses)}")
+    return poses[:n_frames], source, (path,)

@@ -1,0 +1,206 @@
+"""Segments on disk: cut once from a sequence's scans, in parts, resumable, and read again frame by frame."""
+
+import hashlib
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.errors import DataError, MissingDataError
+from tracker.kitti import KittiSequence
+from tracker.tracklets import cut
+from tracker.types import Box, Segment, SegmentedFrame
+
+FORMAT, FORMAT_VERSION = "regmot-segments", 1
+FRAMES_PER_PART = 50
+
+Progress = Callable[[int, int], None]  # frames done, frames in all
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentStore:
+    """The segments and boxes of one sequence, in a folder of parts.
+
+    Attributes:
+        folder: holds `manifest.json` and `part-NNNN.npz`.
+        manifest: format, version, sequence, clock, ego, n_frames, missing_scans, fingerprint.
+    """
+
+    folder: Path
+    manifest: dict[str, Any]
+
+    def __len__(self) -> int:
+        """Count the frames."""
+        return int(self.manifest["n_frames"])
+
+    def frames(self) -> Iterator[SegmentedFrame]:
+        """Read frame by frame; one part is in memory at a time.
+
+        Raises:
+            DataError: a part is damaged.
+        """
+        for start in range(0, len(self), FRAMES_PER_PART):
+            yield from _read_part(_part_path(self.folder, start))
+
+
+def cut_sequence(sequence: KittiSequence, out: Path, progress: Progress | None = None) -> SegmentStore:
+    """Cut all segments of a sequence into `out/<name>`; parts that are there already are kept.
+
+    A store made from other files (labels, poses, times, scans), or by another format version, is made anew.
+
+    Args:
+        sequence: what to cut.
+        out: where stores live; one folder a sequence.
+        progress: told of every frame.
+
+    Raises:
+        MissingDataError: the sequence has no scan at all.
+        DataError: a scan is damaged.
+    """
+    missing = sequence.missing_scans()
+    if len(missing) == len(sequence):
+        raise MissingDataError(
+            f"sequence {sequence.name}: none of its {len(sequence)} frames has a scan ({sequence.scan_path(0)} ...)"
+        )
+    folder = out / sequence.name
+    manifest = _describe(sequence, missing)
+    _prepare_folder(folder, manifest)
+    for start in range(0, len(sequence), FRAMES_PER_PART):
+        stop = min(start + FRAMES_PER_PART, len(sequence))
+        path = _part_path(folder, start)
+        if not path.is_file():
+            frames = []
+            for frame in sequence.frames(start, stop):
+                frames.append(cut(frame))
+                if progress is not None:
+                    progress(frame.index + 1, len(sequence))
+            _write_part(path, frames)
+        if progress is not None:
+            progress(stop, len(sequence))
+    return SegmentStore(folder, manifest)
+
+
+def _describe(sequence: KittiSequence, missing: list[int]) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "regmot": version("regmot"),
+        "sequence": sequence.name,
+        "clock": sequence.clock,
+        "ego": sequence.ego,
+        "n_frames": len(sequence),
+        "missing_scans": missing,
+        "frames_per_part": FRAMES_PER_PART,
+        "fingerprint": _fingerprint(sequence),
+    }
+
+
+def _fingerprint(sequence: KittiSequence) -> str:
+    """Tell sequences apart by the bytes of their tables and the sizes and times of their scans."""
+    digest = hashlib.sha256(sequence.clock.encode())
+    for path in sequence.sources:
+        digest.update(path.read_bytes())
+    for frame in range(len(sequence)):
+        path = sequence.scan_path(frame)
+        if path.is_file():
+            stat = path.stat()
+            digest.update(f"{frame} {stat.st_size} {stat.st_mtime_ns}\n".encode())
+    return digest.hexdigest()
+
+
+def _prepare_folder(folder: Path, manifest: dict[str, Any]) -> None:
+    path = folder / "manifest.json"
+    if path.is_file():
+        try:
+            found = json.loads(path.read_text())
+        except ValueError:
+            found = None
+        if found == manifest:
+            return
+    elif folder.exists() and any(folder.iterdir()):
+        raise DataError(folder, "expected an empty folder or a store of segments, got other files")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    write_text(path, json.dumps(manifest, indent=1))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(text)
+    os.replace(temporary, path)
+
+
+def _part_path(folder: Path, start: int) -> Path:
+    return folder / f"part-{start // FRAMES_PER_PART:04d}.npz"
+
+
+def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
+    """Write columns: one row a frame, one row a box, one row a point (scans are float32, so nothing is lost)."""
+    boxes = [(row, box) for row, frame in enumerate(frames) for box in frame.boxes.values()]
+    segments = [frames[row].segments.get(box.track_id) for row, box in boxes]
+    clouds = [segment.points_lidar for segment in segments if segment is not None]
+    columns = {
+        "index": np.array([frame.index for frame in frames]),
+        "timestamp": np.array([frame.timestamp for frame in frames]),
+        "has_pose": np.array([frame.T_world_lidar is not None for frame in frames]),
+        "T_world_lidar": np.array(
+            [np.eye(4) if frame.T_world_lidar is None else frame.T_world_lidar for frame in frames]
+        ),
+        "box_frame": np.array([row for row, _ in boxes], dtype=np.int64),
+        "track_id": np.array([box.track_id for _, box in boxes], dtype=np.int64),
+        "class_name": np.array([box.class_name for _, box in boxes], dtype=np.str_),
+        "T_lidar_obj": np.array([box.T_lidar_obj for _, box in boxes]).reshape(-1, 4, 4),
+        "size": np.array([box.size for _, box in boxes]).reshape(-1, 3),
+        "truncation": np.array([box.truncation for _, box in boxes], dtype=np.int64),
+        "occlusion": np.array([box.occlusion for _, box in boxes], dtype=np.int64),
+        "n_points": np.array([-1 if s is None else len(s.points_lidar) for s in segments], dtype=np.int64),
+        "points_lidar": np.concatenate([np.empty((0, 3)), *clouds]).astype(np.float32),
+    }
+    temporary = path.with_name(path.name + ".tmp")
+    with temporary.open("wb") as file:
+        np.savez(file, **columns)
+    os.replace(temporary, path)
+
+
+def _read_part(path: Path) -> Iterator[SegmentedFrame]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            columns = {key: archive[key] for key in archive.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        what = f"expected a part of a segment store, got a damaged file ({error}); delete it to have it cut anew"
+        raise DataError(path, what) from error
+    points = columns["points_lidar"].astype(np.float64)
+    ends = np.cumsum(np.maximum(columns["n_points"], 0))
+    for row, index in enumerate(columns["index"]):
+        timestamp = float(columns["timestamp"][row])
+        boxes, segments = {}, {}
+        for i in np.flatnonzero(columns["box_frame"] == row):
+            box = _read_box(columns, i)
+            boxes[box.track_id] = box
+            n = int(columns["n_points"][i])
+            if n >= 0:
+                cloud = points[ends[i] - n : ends[i]]
+                segments[box.track_id] = Segment(
+                    box.track_id, box.class_name, int(index), timestamp, cloud, box.ground_z_lidar
+                )
+        T_world_lidar = columns["T_world_lidar"][row] if columns["has_pose"][row] else None
+        yield SegmentedFrame(int(index), timestamp, segments, boxes, T_world_lidar)
+
+
+def _read_box(columns: dict[str, np.ndarray], i: int) -> Box:
+    return Box(
+        track_id=int(columns["track_id"][i]),
+        class_name=str(columns["class_name"][i]),
+        T_lidar_obj=columns["T_lidar_obj"][i],
+        size=columns["size"][i],
+        truncation=int(columns["truncation"][i]),
+        occlusion=int(columns["occlusion"][i]),
+    )

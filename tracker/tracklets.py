@@ -1,0 +1,60 @@
+"""From frames to segments, one a box, and from segments to tracklets without gaps."""
+
+from collections.abc import Collection, Iterable, Iterator
+
+from registration.types import Transform
+from tracker.boxes import points_in_boxes
+from tracker.types import Frame, Segment, SegmentedFrame, Tracklet
+
+
+def cut(frame: Frame) -> SegmentedFrame:
+    """Cut the segments of all boxes of a frame; a frame without a scan has boxes and no segments."""
+    segments = {}
+    if frame.points_lidar is not None:
+        rows = points_in_boxes(frame.points_lidar, frame.boxes)
+        for box, found in zip(frame.boxes, rows, strict=True):
+            segments[box.track_id] = Segment(
+                track_id=box.track_id,
+                class_name=box.class_name,
+                frame=frame.index,
+                timestamp=frame.timestamp,
+                points_lidar=frame.points_lidar[found],
+                ground_z_lidar=box.ground_z_lidar,
+            )
+    boxes = {box.track_id: box for box in frame.boxes}
+    return SegmentedFrame(frame.index, frame.timestamp, segments, boxes, frame.T_world_lidar)
+
+
+def of_classes(segments: dict[int, Segment], classes: Collection[str]) -> dict[int, Segment]:
+    """Keep the segments of some classes."""
+    return {key: segment for key, segment in segments.items() if segment.class_name in classes}
+
+
+def tracklets(frames: Iterable[SegmentedFrame], classes: Collection[str]) -> Iterator[Tracklet]:
+    """Collect each object's segments over consecutive frames; a gap ends a tracklet and starts another.
+
+    A frame in which the object's box is there but holds no point is no gap; a missing scan is one.
+    Only the tracklets under way are in memory; each is given out as soon as it ends.
+    """
+    under_way: dict[int, list[tuple[Segment, Transform | None]]] = {}
+    last_frame = None
+    for frame in frames:
+        segments = of_classes(frame.segments, classes)
+        follows = last_frame is not None and frame.index == last_frame + 1
+        for track_id in [key for key in under_way if key not in segments or not follows]:
+            yield _finish(under_way.pop(track_id))
+        for track_id, segment in segments.items():
+            under_way.setdefault(track_id, []).append((segment, frame.T_world_lidar))
+        last_frame = frame.index
+    for steps in under_way.values():
+        yield _finish(steps)
+
+
+def _finish(steps: list[tuple[Segment, Transform | None]]) -> Tracklet:
+    first = steps[0][0]
+    return Tracklet(
+        track_id=first.track_id,
+        class_name=first.class_name,
+        segments=tuple(segment for segment, _ in steps),
+        T_world_lidar=tuple(T for _, T in steps),
+    )
