@@ -57,11 +57,18 @@ def score(errors: Errors) -> RegistrationScore:
     """Sum up the errors of many pairs."""
     n = len(errors)
     if n == 0:
-        return RegistrationScore(0, *[float("nan")] * 5)
+        nan = float("nan")
+        return RegistrationScore(0, nan, nan, nan, nan, nan)
     turn_deg = np.rad2deg(errors[:, 1])
-    shares = [float(np.mean((errors[:, 0] < t) & (turn_deg < deg))) for t, deg in LEVELS]
-    rmse_t, rmse_r_deg = (float(np.sqrt(np.mean(x**2))) for x in (errors[:, 0], turn_deg))
-    return RegistrationScore(n, *shares, rmse_t, rmse_r_deg)
+    near, closer, closest = (float(np.mean((errors[:, 0] < t) & (turn_deg < deg))) for t, deg in reversed(LEVELS))
+    return RegistrationScore(
+        n=n,
+        share_2cm_1deg=closest,
+        share_10cm_5deg=closer,
+        share_20cm_10deg=near,
+        rmse_t=float(np.sqrt(np.mean(errors[:, 0] ** 2))),
+        rmse_r_deg=float(np.sqrt(np.mean(turn_deg**2))),
+    )
 
 
 def box_motion(T_source_obj: Transform, T_target_obj: Transform) -> Transform:

@@ -1,6 +1,7 @@
 """Prove that a registration method keeps the plug-in contract: for our own methods, and for outside authors'."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,7 @@ def _refuses_wrong_input(method: RegistrationMethod) -> None:
     bent[3, 1] = np.nan
     for wrong, what in ((bent, "NaN"), (good.T, "shape (3, N)"), (good[:, :2], "shape (N, 2)")):
         for source, target in ((wrong, good), (good, wrong)):
-            _promise_raises(lambda s=source, t=target: method.register(s, t), what)
+            _promise_raises(partial(method.register, source, target), what)
 
 
 _CHECKS: tuple[Callable[[RegistrationMethod], None], ...] = (

@@ -50,9 +50,7 @@ class PairMethod(ABC):
             raise ValueError(f"align got {len(pairs)} pairs but {len(priors)} priors; expected one a pair")
         return [self.align_pair(a, b, prior) for (a, b), prior in zip(pairs, priors, strict=True)]
 
-    def register(
-        self, source: np.ndarray, target: np.ndarray, prior: MotionPrior | None = None
-    ) -> RegistrationResult:
+    def register(self, source: np.ndarray, target: np.ndarray, prior: MotionPrior | None = None) -> RegistrationResult:
         """Register one pair of (N, 3) clouds [m].
 
         Raises:

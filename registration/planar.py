@@ -63,18 +63,14 @@ def motion_about(T_target_source: Float64[np.ndarray, "4 4"], center: Float64[np
     return np.array([x, y, se3.yaw(T_target_source)])
 
 
-def to_transform(
-    motion: Motion, center: Float64[np.ndarray, "3"], z: float = 0.0
-) -> Float64[np.ndarray, "4 4"]:
+def to_transform(motion: Motion, center: Float64[np.ndarray, "3"], z: float = 0.0) -> Float64[np.ndarray, "4 4"]:
     """Write (x, y, yaw) about a centre, and a shift in z, as the 4x4 transform T_target_source."""
     shift = np.array([motion[0], motion[1], z])
     turn = se3.from_yaw(float(motion[2]), np.zeros(3))
     return se3.pose(turn[:3, :3], center + shift - turn[:3, :3] @ center)
 
 
-def align_pairs(
-    source: Float64[np.ndarray, "n d"], target: Float64[np.ndarray, "n d"]
-) -> Float64[np.ndarray, "4 4"]:
+def align_pairs(source: Float64[np.ndarray, "n d"], target: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "4 4"]:
     """Find the planar motion that brings each source point closest to its partner.
 
     Minimises the sum of squared horizontal distances over (x, y, yaw); z is neither used nor moved.

@@ -28,9 +28,7 @@ def invert(T: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 
     return inverse
 
 
-def transform(
-    T_dst_src: Float64[np.ndarray, "4 4"], points: Float64[np.ndarray, "n 3"]
-) -> Float64[np.ndarray, "n 3"]:
+def transform(T_dst_src: Float64[np.ndarray, "4 4"], points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
     """Move points given in src to dst."""
     return points @ T_dst_src[:3, :3].T + T_dst_src[:3, 3]
 

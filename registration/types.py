@@ -96,7 +96,5 @@ class RegistrationMethod(Protocol):
     ) -> list[RegistrationResult]:
         """Register prepared (source, target) pairs; one result a pair, in order."""
 
-    def register(
-        self, source: np.ndarray, target: np.ndarray, prior: MotionPrior | None = None
-    ) -> RegistrationResult:
+    def register(self, source: np.ndarray, target: np.ndarray, prior: MotionPrior | None = None) -> RegistrationResult:
         """Register one pair of (N, 3) clouds."""

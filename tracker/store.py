@@ -147,7 +147,7 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
     boxes = [(row, box) for row, frame in enumerate(frames) for box in frame.boxes.values()]
     segments = [frames[row].segments.get(box.track_id) for row, box in boxes]
     clouds = [segment.points_lidar for segment in segments if segment is not None]
-    columns = {
+    columns: dict[str, Any] = {
         "index": np.array([frame.index for frame in frames]),
         "timestamp": np.array([frame.timestamp for frame in frames]),
         "has_pose": np.array([frame.T_world_lidar is not None for frame in frames]),
@@ -183,7 +183,7 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
         timestamp = float(columns["timestamp"][row])
         boxes, segments = {}, {}
         for i in np.flatnonzero(columns["box_frame"] == row):
-            box = _read_box(columns, i)
+            box = _read_box(columns, int(i))
             boxes[box.track_id] = box
             n = int(columns["n_points"][i])
             if n >= 0:

@@ -1,6 +1,6 @@
 """Time and identity: frames, boxes, segments, tracklets and velocity estimates, all frozen."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -74,6 +74,10 @@ class Frame:
     boxes: tuple[Box, ...]
     points_lidar: Points | None
     T_world_lidar: Transform | None
+
+    def without_pose(self) -> "Frame":
+        """Forget the ego's pose: what is estimated of this frame is relative to the sensor."""
+        return replace(self, T_world_lidar=None)
 
 
 @dataclass(frozen=True, slots=True)

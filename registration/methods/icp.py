@@ -70,31 +70,28 @@ class PointToPointICP(PairMethod):
         T = _start(source, target, prior)
         if min(len(source.points), len(target.points)) < self.min_points:
             return _fallback(source, target, T, Status.TOO_FEW_POINTS)
-        pairing = self._pair(T, source, target)
-        for iteration in range(1, self.max_iterations + 1):
+        pairing, is_settled, n_iterations = self._pair(T, source, target), False, 0
+        while not is_settled and n_iterations < self.max_iterations:
             if len(pairing) < self.min_points:
                 return _fallback(source, target, T, Status.NO_OVERLAP)
             moved = se3.transform(T, source.points[pairing.source])
             T = planar.align_pairs(moved, target.points[pairing.target]) @ T
             previous, pairing = pairing, self._pair(T, source, target)
-            if _is_settled(previous, pairing, self.tolerance):
-                break
-        status = Status.CONVERGED if _is_settled(previous, pairing, self.tolerance) else Status.NOT_CONVERGED
+            is_settled = _is_settled(previous, pairing, self.tolerance)
+            n_iterations += 1
         return RegistrationResult(
             T_target_source=T,
             source_centroid=source.centroid,
-            covariance=uncertainty.of_pairs(source.points, source.centroid, pairing.source, pairing.rmse),
-            status=status,
+            covariance=uncertainty.of_point_pairs(source.points, target.points, len(pairing), is_settled),
+            status=Status.CONVERGED if is_settled else Status.NOT_CONVERGED,
             rmse=pairing.rmse,
             n_pairs=len(pairing),
-            n_iterations=iteration,
+            n_iterations=n_iterations,
         )
 
     def _pair(self, T: Transform, source: Cloud, target: Cloud) -> Pairing:
         """Find each source point's nearest target point within `max_distance`."""
-        distance, nearest = target.tree.query(
-            se3.transform(T, source.points), distance_upper_bound=self.max_distance
-        )
+        distance, nearest = target.tree.query(se3.transform(T, source.points), distance_upper_bound=self.max_distance)
         paired = np.flatnonzero(np.isfinite(distance))
         rmse = float(np.sqrt(np.mean(distance[paired] ** 2))) if len(paired) else float("nan")
         return Pairing(paired, nearest[paired], len(paired) / len(source.points), rmse)

@@ -36,9 +36,7 @@ class CentroidFilter:
         self._kalman.H = np.eye(3)
         self._centroid, self._timestamp, self._has_measured = centroid, timestamp, False
 
-    def update(
-        self, centroid: Point, timestamp: float
-    ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3 3"]]:
+    def update(self, centroid: Point, timestamp: float) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3 3"]]:
         """Take the next centroid [m]; give the velocity [m/s] and its covariance."""
         dt = max(timestamp - self._timestamp, SHORTEST_STEP)
         if self._has_measured:

@@ -14,6 +14,7 @@ from tracker.types import Box
 DONT_CARE = "DontCare"
 N_COLUMNS = 17  # frame id type truncated occluded alpha bbox(4) h w l x y z rotation_y; an 18th is a score
 
+
 @dataclass(frozen=True, slots=True)
 class Label:
     """One row of a label file, still in rectified camera axes (x right, y down, z forward).

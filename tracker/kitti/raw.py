@@ -80,9 +80,7 @@ def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
     return {frame: tuple(boxes) for frame, boxes in frames.items()}
 
 
-def _box(
-    path: Path, pose: ElementTree.Element, track_id: int, class_name: str, size: Float64[np.ndarray, "3"]
-) -> Box:
+def _box(path: Path, pose: ElementTree.Element, track_id: int, class_name: str, size: Float64[np.ndarray, "3"]) -> Box:
     x, y, z, yaw = (_number(path, pose, key, f"tracklet {track_id}") for key in ("tx", "ty", "tz", "rz"))
     bottom_to_center = 0.5 * size[2]  # tz is the height of the bottom
     return Box(
@@ -106,9 +104,7 @@ def _number(path: Path, element: ElementTree.Element, key: str, where: str) -> f
     return value
 
 
-def _choose_times(
-    folder: Path, n_frames: int, clock: str
-) -> tuple[Float64[np.ndarray, " n"], str, tuple[Path, ...]]:
+def _choose_times(folder: Path, n_frames: int, clock: str) -> tuple[Float64[np.ndarray, " n"], str, tuple[Path, ...]]:
     """Prefer the scans' own stamps; where they leave out missing scans, the GPS/IMU's, one a frame."""
     scan_stamps, imu_stamps = (folder / name / "timestamps.txt" for name in ("velodyne_points", "oxts"))
     leaves_out = scan_stamps.is_file() and imu_stamps.is_file() and len(read_times(scan_stamps)) < n_frames

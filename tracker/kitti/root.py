@@ -17,10 +17,8 @@ def sequence_names(root: Path) -> list[str]:
     if not root.is_dir():
         raise MissingDataError(f"{root}: no such folder")
     folder = tracking.training_folder(root)
-    if folder is not None:
-        names = tracking.sequence_names(folder)
-    else:
-        names = [path.name for path in raw.drive_folders(root)]
+    drives = [] if folder is not None else raw.drive_folders(root)
+    names = [path.name for path in drives] if folder is None else tracking.sequence_names(folder)
     if not names:
         found = ", ".join(sorted(path.name for path in root.iterdir())[:8]) or "an empty folder"
         raise MissingDataError(

@@ -31,6 +31,7 @@ class KittiSequence:
         boxes_of: the boxes of a frame, in LiDAR axes; made when asked for.
         reindexed: each track id's rank in order of first appearance (protocol of AlignNet-3D's split).
         sources: the files that boxes, times and poses come from.
+        truth_path: where a simulator's exact truth is or would be; None where there can be none.
     """
 
     name: str
@@ -43,6 +44,7 @@ class KittiSequence:
     boxes_of: Callable[[int], tuple[Box, ...]]
     reindexed: dict[int, int]
     sources: tuple[Path, ...]
+    truth_path: Path | None = None
 
     def __len__(self) -> int:
         """Count the frames, with or without a scan."""

@@ -56,6 +56,7 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto") -> K
         boxes_of=boxes_of,
         reindexed=reindex(label.track_id for label in labels),
         sources=(label_path, calib_path, *time_files, *pose_files),
+        truth_path=folder / "truth" / f"{name}.csv",
     )
 
 

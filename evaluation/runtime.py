@@ -1,0 +1,127 @@
+"""How long things take: ours and the plain way side by side, in one run, as medians and ratios."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from statistics import median
+from time import perf_counter
+from types import ModuleType
+
+import numpy as np
+
+import registration
+from registration import se3
+from registration.errors import MissingLibraryError
+from registration.libraries import load_open3d
+from registration.types import Points
+from tracker.boxes import points_in_boxes
+from tracker.types import Box
+
+N_POINTS, N_BOXES = 120_000, 20
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """One line of the benchmark: what ours took, what the peer took, and ours as a share of it."""
+
+    what: str
+    peer: str
+    ours_ms: float
+    peer_ms: float
+
+    @property
+    def ratio(self) -> float:
+        """Our time as a share of the peer's."""
+        return self.ours_ms / self.peer_ms
+
+
+def side_by_side(
+    what: str, peer_name: str, ours: Callable[[], object], peer: Callable[[], object], repeats: int = 15
+) -> Timing:
+    """Time two callables in turn, so that both meet the same moods of the machine; give medians."""
+    ours(), peer()
+    times = np.array([[_seconds(ours), _seconds(peer)] for _ in range(repeats)])
+    return Timing(what, peer_name, 1e3 * median(times[:, 0]), 1e3 * median(times[:, 1]))
+
+
+def benchmark(seed: int = 0) -> list[Timing]:
+    """Time cutting segments against a loop over boxes, and `icp` against Open3D's where that is installed.
+
+    Every pair of contestants must agree first: a fast wrong answer is no time at all.
+    """
+    rng = np.random.default_rng(seed)
+    points, boxes = crowded_frame(rng)
+    if any(
+        not np.array_equal(a, b) for a, b in zip(points_in_boxes(points, boxes), one_by_one(points, boxes), strict=True)
+    ):
+        raise AssertionError("cutting segments disagrees with the loop over boxes")
+    timings = [
+        side_by_side(
+            f"cut {N_BOXES} segments from {N_POINTS} points",
+            "NumPy, box by box",
+            lambda: points_in_boxes(points, boxes),
+            lambda: one_by_one(points, boxes),
+        )
+    ]
+    try:
+        open3d = load_open3d("the comparison with Open3D's ICP")
+    except MissingLibraryError:
+        return timings
+    icp = registration.create("icp")
+    for n in (50, 200, 1000):
+        source, target = _pair(rng, n), _pair(rng, n) + [0.05, 0.02, 0.0]
+        timings.append(
+            side_by_side(
+                f"icp, {n} points",
+                "Open3D point-to-point ICP",
+                partial(icp.register, source, target),
+                partial(_open3d_icp, open3d, source, target),
+            )
+        )
+    return timings
+
+
+def crowded_frame(rng: np.random.Generator) -> tuple[Points, list[Box]]:
+    """Make a frame of 120 000 points, most of them on the ground, and 20 car-sized boxes in it."""
+    reach = rng.uniform(3.0, 80.0, N_POINTS)
+    bearing = rng.uniform(-np.pi, np.pi, N_POINTS)
+    points = np.column_stack([reach * np.cos(bearing), reach * np.sin(bearing), rng.normal(-1.6, 0.3, N_POINTS)])
+    boxes = []
+    for track_id in range(N_BOXES):
+        center = np.array([*rng.uniform(-40.0, 40.0, 2), -0.9])
+        pose = se3.from_yaw(rng.uniform(-np.pi, np.pi), center)
+        boxes.append(Box(track_id, "Car", pose, np.array([4.2, 1.8, 1.6])))
+    return points, boxes
+
+
+def one_by_one(points: Points, boxes: list[Box]) -> list[np.ndarray]:
+    """Cut segments the plain way: move the whole scan into each box's axes and compare."""
+    found = []
+    for box in boxes:
+        points_obj = se3.transform(se3.invert(box.T_lidar_obj), points)
+        found.append(np.flatnonzero((np.abs(points_obj) <= 0.5 * box.size).all(axis=1)))
+    return found
+
+
+def _pair(rng: np.random.Generator, n: int) -> Points:
+    """Sample the side and the rear of a car."""
+    on_side = rng.random(n) < 0.7
+    x = np.where(on_side, rng.uniform(-2.0, 2.0, n), -2.0)
+    y = np.where(on_side, -0.9, rng.uniform(-0.9, 0.9, n))
+    return np.column_stack([x, y, rng.uniform(0.0, 1.4, n)]) + rng.normal(0.0, 0.02, (n, 3)) + [12.0, 5.0, 0.0]
+
+
+def _open3d_icp(open3d: ModuleType, source: Points, target: Points) -> object:
+    clouds = []
+    for points in (source, target):
+        cloud = open3d.geometry.PointCloud()
+        cloud.points = open3d.utility.Vector3dVector(points)
+        clouds.append(cloud)
+    start = se3.pose(np.eye(3), target.mean(axis=0) - source.mean(axis=0))
+    return open3d.pipelines.registration.registration_icp(*clouds, 0.1, start)
+
+
+def _seconds(action: Callable[[], object]) -> float:
+    start = perf_counter()
+    action()
+    return perf_counter() - start

@@ -1,0 +1,5 @@
+"""`python -m regmot` is the command `regmot`."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,285 @@
+"""The command `regmot`: arguments in, files and tables out; the work is done by the libraries."""
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    help="How fast is that car? Velocities of tracked objects by registering their own LiDAR points.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Root = Annotated[Path, typer.Argument(help="a KITTI tracking folder (label_02, velodyne, calib) or a raw drive")]
+Sequences = Annotated[str, typer.Option("--sequence", help="names, comma-separated; default: all that have scans")]
+Classes = Annotated[str, typer.Option(help="names, comma-separated")]
+FrameName = Annotated[str, typer.Option("--frame", help="world, or sensor: relative to the ego")]
+Clock = Annotated[str, typer.Option(help="auto: recorded times where there are any; nominal: 10 Hz")]
+Split = Annotated[str, typer.Option(help="all, id-train|val|test (as published), sequence-train|val|test")]
+Ranges = Annotated[str, typer.Option("--range", help="upper ends of the table's ranges [m]")]
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="where the scene, the tables and the pictures go")] = Path("demo-out"),
+    frames: Annotated[int, typer.Option(help="length of the simulated scene")] = 100,
+    seed: Annotated[int, typer.Option(help="of the scene and its noise")] = 0,
+) -> None:
+    """Run the main job on the embedded default: simulate a street, track it, compare estimators, draw.
+
+    Example: regmot demo --out demo-out
+    """
+    root = _simulate(out / "street", "street", frames, seed)
+    _compare(root, out, {"seed": seed})
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Argument(help="the KITTI tracking folder to write")],
+    scene: Annotated[str, typer.Option(help="name of the scene")] = "street",
+    frames: Annotated[int, typer.Option(help="length, at 10 Hz")] = 100,
+    seed: Annotated[int, typer.Option(help="of the scene and its noise")] = 0,
+) -> None:
+    """Ray-cast a traffic scene of our own into a KITTI tracking folder, with exact truth beside it.
+
+    Example: regmot simulate street-out --frames 100 --seed 1
+    """
+    _simulate(out, scene, frames, seed)
+
+
+@app.command()
+def compare(
+    root: Root,
+    sequence: Sequences = "",
+    classes: Classes = "Car,Van",
+    estimators: Annotated[str, typer.Option(help="names, comma-separated: see `regmot methods`")] = "centroid-kf,icp",
+    smoothing: Annotated[str, typer.Option(help="of causal, window, rts")] = "causal,window,rts",
+    window: Annotated[int, typer.Option(help="half width of the window mean [frames]; the paper's is 1")] = 1,
+    frame: FrameName = "world",
+    truth: Annotated[str, typer.Option(help="labels, smoothed, exact; auto: exact where it is there")] = "auto",
+    ranges: Ranges = "80,20,5",
+    split: Split = "all",
+    clock: Clock = "auto",
+    seed: Annotated[int, typer.Option(help="for methods that draw random numbers")] = 0,
+    out: Annotated[Path, typer.Option(help="where tables, pictures and cut segments go")] = Path("out"),
+) -> None:
+    """Score velocity estimators on the same steps of KITTI tracklets, in one fair table.
+
+    Example: regmot compare kitti/tracking --sequence 0000 --frame world --truth smoothed --out out
+    """
+    settings = {
+        "sequences": _names(sequence),
+        "classes": _names(classes),
+        "estimators": _names(estimators),
+        "smoothing": _names(smoothing),
+        "window": window,
+        "frame": frame,
+        "truth": truth,
+        "ranges": _numbers("--range", ranges),
+        "split": split,
+        "clock": clock,
+        "seed": seed,
+    }
+    _compare(root, out, settings)
+
+
+@app.command()
+def track(
+    root: Root,
+    estimator: Annotated[str, typer.Option(help="see `regmot methods`")] = "icp",
+    sequence: Sequences = "",
+    classes: Classes = "Car,Van",
+    frame: FrameName = "world",
+    clock: Clock = "auto",
+    out: Annotated[Path, typer.Option(help="one CSV a sequence is written here")] = Path("tracks"),
+) -> None:
+    """Follow the objects of KITTI sequences frame by frame and write their velocities.
+
+    Example: regmot track kitti/tracking --sequence 0000 --estimator icp --out tracks
+    """
+    from tracker.run import track_sequences
+
+    from .console import messages, progress_bars
+
+    with progress_bars() as progress:
+        paths = track_sequences(root, out, estimator, _names(sequence), _names(classes), frame, clock, progress)
+    for path, n_rows in paths:
+        messages.print(f"{n_rows} velocities in {path}")
+
+
+@app.command()
+def register(
+    root: Root,
+    methods: Annotated[str, typer.Option(help="names, comma-separated: see `regmot methods`")] = "centroid,icp",
+    sequence: Sequences = "",
+    classes: Classes = "Car,Van",
+    ranges: Ranges = "80,20,5",
+    split: Split = "all",
+    full_heading: Annotated[bool, typer.Option(help="count a turn by 180 degrees as wrong")] = False,
+    out: Annotated[Path, typer.Option(help="where registration.json and cut segments go")] = Path("out"),
+) -> None:
+    """Score registration methods on pairs of consecutive segments, against the label boxes' motion.
+
+    Example: regmot register kitti/tracking --sequence 0000 --methods centroid,icp --out out
+    """
+    from evaluation import register as registering
+    from evaluation.report import table_cells
+
+    from .console import messages, print_table, progress_bars
+
+    config = registering.RegisterConfig(
+        methods=_names(methods),
+        sequences=_names(sequence),
+        classes=_names(classes),
+        ranges=_numbers("--range", ranges),
+        split=split,
+        heading_axis=not full_heading,
+    )
+    with progress_bars() as progress:
+        rows = registering.register_pairs(root, config, out / "tracklets", progress)
+    path = registering.write(rows, root, config, out)
+    print_table([name for name, _, _ in registering.TABLE], [table_cells(row, registering.TABLE) for row in rows])
+    messages.print(f"rows in {path}")
+
+
+@app.command()
+def methods() -> None:
+    """List registration methods and velocity estimators: where they come from and whether they can be used.
+
+    Example: regmot methods
+    """
+    import registration
+    from registration.registry import source_of
+    from tracker.estimators import estimator_names
+
+    from .console import print_table
+
+    body = []
+    for name in estimator_names():
+        if name in registration.names():
+            body.append([name, "registration method, estimator", source_of(name), _state_of(name)])
+        else:
+            body.append([name, "estimator", "regmot", "ready"])
+    print_table(["name", "what", "from", "state"], body)
+
+
+@app.command()
+def splits(root: Root, classes: Classes = "Car,Van") -> None:
+    """Count the pairs of consecutive labels in each part of AlignNet-3D's splits; needs labels only.
+
+    Example: regmot splits kitti/tracking --classes Car,Van
+    """
+    from tracker.errors import MissingDataError
+    from tracker.kitti.labels import read_labels
+    from tracker.kitti.splits import count_pairs
+    from tracker.kitti.tracking import sequence_names, training_folder
+
+    from .console import print_table
+
+    folder = training_folder(root)
+    if folder is None:
+        raise MissingDataError(f"{root}: expected a KITTI tracking folder with label_02")
+    labels = {name: read_labels(folder / "label_02" / f"{name}.txt") for name in sequence_names(folder)}
+    counts = count_pairs(labels, _names(classes))
+    body = [[c.split, str(c.total), str(c.within_80m), str(c.within_20m)] for c in counts]
+    print_table(["split", "pairs", "<= 80 m", "<= 20 m"], body)
+
+
+@app.command()
+def benchmark(
+    out: Annotated[Path | None, typer.Option(help="also write the timings to this JSON file")] = None,
+    seed: Annotated[int, typer.Option(help="of the generated data")] = 0,
+) -> None:
+    """Time the hot paths, ours and the plain way side by side in one run.
+
+    Example: regmot benchmark --out timings.json
+    """
+    from dataclasses import asdict
+
+    from evaluation import runtime
+    from evaluation.report import machine
+    from tracker.store import write_text
+
+    from .console import messages, print_table
+
+    timings = runtime.benchmark(seed)
+    body = [[t.what, f"{t.ours_ms:.2f}", t.peer, f"{t.peer_ms:.2f}", f"{t.ratio:.2f}"] for t in timings]
+    print_table(["what", "ours [ms]", "peer", "peer [ms]", "ratio"], body, title=machine())
+    if out is not None:
+        rows = [{**asdict(t), "ratio": t.ratio} for t in timings]
+        write_text(out, json.dumps({"machine": machine(), "seed": seed, "timings": rows}, indent=1))
+        messages.print(f"timings in {out}")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command; our own errors end it with one line on stderr and exit code 1."""
+    from registration.errors import RegistrationError
+    from tracker.errors import TrackerError
+
+    try:
+        app(arguments)
+    except (TrackerError, RegistrationError, OSError) as error:
+        typer.echo(f"regmot: {error}", err=True)
+        sys.exit(1)
+
+
+def _simulate(out: Path, scene: str, frames: int, seed: int) -> Path:
+    from tracker.simulation import create_scene
+    from tracker.simulation import simulate as write_scene
+
+    from .console import messages, progress_bars
+
+    with progress_bars() as progress:
+        write_scene(
+            create_scene(scene, seed, frames), out, seed=seed, progress=partial(progress, f"{scene}: casting rays")
+        )
+    messages.print(f"scans, labels and exact truth in {out}")
+    return out
+
+
+def _compare(root: Path, out: Path, settings: dict[str, Any]) -> None:
+    from evaluation import plots, report
+    from evaluation.compare import CompareConfig
+    from evaluation.compare import compare as run_comparison
+
+    from .console import messages, print_table, progress_bars
+
+    config = CompareConfig(**settings)
+    with progress_bars() as progress:
+        comparison = run_comparison(root, config, out / "tracklets", progress)
+    path = report.write(comparison, out)
+    found = report.results(comparison)
+    for line in report.heading(found):
+        messages.print(line, highlight=False)
+    print_table([name for name, _, _ in report.TABLE], [report.table_cells(row) for row in found["rows"]])
+    messages.print(f"tables: {path}, {out / 'report.md'}, {out / 'estimates.csv'}")
+    for picture in plots.draw(comparison, out):
+        messages.print(f"picture: {picture}")
+
+
+def _state_of(name: str) -> str:
+    import registration
+    from registration.errors import RegistrationError
+
+    try:
+        registration.create(name)
+    except RegistrationError as error:
+        return str(error)
+    return "ready"
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in _names(text))
+    except ValueError:
+        raise typer.BadParameter(f"{option} expects numbers, comma-separated, got {text!r}") from None

@@ -1,0 +1,44 @@
+"""What a person sees in the terminal: tables on stdout, progress and messages on stderr."""
+
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+WIDTH = 120  # tables are this wide in files, pipes and narrow windows too: figures are never cut off
+
+out = Console(width=max(shutil.get_terminal_size().columns, WIDTH))
+messages = Console(stderr=True, soft_wrap=True, highlight=False)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar for each piece of work: the function it gives takes (what, done, of how much)."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    bars = Progress(*columns, console=messages)
+    tasks: dict[str, TaskID] = {}
+
+    def show(what: str, done: int, total: int) -> None:
+        bars.start()  # not before there is anything to show: an error before it then prints just its line
+        if what not in tasks:
+            tasks[what] = bars.add_task(what, total=total)
+        bars.update(tasks[what], completed=done)
+
+    try:
+        yield show
+    finally:
+        if tasks:
+            bars.stop()
+
+
+def print_table(header: Sequence[str], body: Sequence[Sequence[str]], title: str = "") -> None:
+    """Print a table; figures stand to the right."""
+    table = Table(title=title or None, title_justify="left")
+    for i, name in enumerate(header):
+        table.add_column(name, justify="left" if i == 0 else "right", no_wrap=True)
+    for cells in body:
+        table.add_row(*cells)
+    out.print(table)
