@@ -11,9 +11,7 @@ from tracker.types import Box
 CELL = 0.5  # side of the raster's cells [m]: small beside a car, and 120 m of them still fit a cache
 
 
-def points_in_boxes(
-    points_lidar: Float64[np.ndarray, "n 3"], boxes: Sequence[Box]
-) -> list[Int64[np.ndarray, " _"]]:
+def points_in_boxes(points_lidar: Float64[np.ndarray, "n 3"], boxes: Sequence[Box]) -> list[Int64[np.ndarray, " _"]]:
     """Find the points of each box, borders included.
 
     A raster of the ground marks the cells that any box may touch, so that the scan is looked at once and only

@@ -48,8 +48,6 @@ class Tracker:
         self._ages = {track_id: self._ages.get(track_id, 0) + 1 for track_id in segments}
         estimates = self._estimator.step(segments, frame.timestamp, frame.T_world_lidar)
         return [
-            Track(
-                track_id, segment.class_name, self._ages[track_id], frame.boxes[track_id], estimates[track_id]
-            )
+            Track(track_id, segment.class_name, self._ages[track_id], frame.boxes[track_id], estimates[track_id])
             for track_id, segment in segments.items()
         ]

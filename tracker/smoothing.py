@@ -91,9 +91,7 @@ class RauchTungStriebel:
             Fs=[np.eye(2)] * len(run),
             Qs=self._process_noise(run),
         )
-        smoothed = [
-            replace(e, velocity=x[k], covariance=0.5 * (P[k] + P[k].T)) for k, e in enumerate(run)
-        ]
+        smoothed = [replace(e, velocity=x[k], covariance=0.5 * (P[k] + P[k].T)) for k, e in enumerate(run)]
         return [*estimates[:start], *smoothed]
 
     def _filter(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
