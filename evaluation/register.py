@@ -16,9 +16,10 @@ from evaluation.registration_error import box_motion, pair_error, score
 from evaluation.report import RESULTS_FORMAT, machine, without_nan
 from registration.types import Point, Points, RegistrationMethod, Status, Transform
 from tracker.errors import InputError
+from tracker.files import write_whole
 from tracker.kitti import open_sequence, sequence_names
 from tracker.kitti.splits import in_split
-from tracker.store import cut_sequence, write_text
+from tracker.store import cut_sequence
 from tracker.tracklets import of_classes
 from tracker.types import Segment, SegmentedFrame
 
@@ -152,7 +153,7 @@ def write(rows: list[dict[str, Any]], root: Path, config: RegisterConfig, out: P
         "heading_axis": config.heading_axis,
         "rows": rows,
     }
-    write_text(path, json.dumps(without_nan(found), indent=1))
+    write_whole(path, json.dumps(without_nan(found), indent=1))
     return path
 
 

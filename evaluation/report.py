@@ -17,7 +17,7 @@ from jaxtyping import Bool
 
 from evaluation.compare import Comparison, Scored
 from evaluation.velocity_error import score
-from tracker.store import write_text
+from tracker.files import write_whole
 
 RESULTS_FORMAT = 1
 RANGE_STEP = 10.0  # width of the bins of the breakdown by range [m]
@@ -129,10 +129,10 @@ def write(comparison: Comparison, out: Path) -> Path:
     """Write `estimates.csv`, `report.md` and last `results.json` into a folder; give the path of the last."""
     out.mkdir(parents=True, exist_ok=True)
     found = results(comparison)
-    write_text(out / "estimates.csv", _estimates_csv(comparison))
-    write_text(out / "report.md", markdown(found))
+    write_whole(out / "estimates.csv", _estimates_csv(comparison))
+    write_whole(out / "report.md", markdown(found))
     path = out / "results.json"
-    write_text(path, json.dumps(without_nan(found), indent=1))
+    write_whole(path, json.dumps(without_nan(found), indent=1))
     return path
 
 

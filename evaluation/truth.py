@@ -130,7 +130,7 @@ def is_parked(centers_world: Centers, times: Float64[np.ndarray, " n"]) -> bool:
     scatter = np.sqrt(np.mean((xy - xy.mean(axis=0) - np.outer(t, slope)) ** 2))
     standard_error = max(scatter, LABEL_NOISE) / np.sqrt(t @ t)
     speed = float(np.hypot(*slope))
-    return speed < max(PARKED_SPEED, SIGNIFICANCE * standard_error)
+    return speed < max(PARKED_SPEED, SIGNIFICANCE * float(standard_error))
 
 
 def _exact_centers(

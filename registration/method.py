@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from registration import uncertainty
 from registration.errors import InvalidCloudError
@@ -28,7 +29,7 @@ class PairMethod(ABC):
     def align_pair(self, source: Any, target: Any, prior: MotionPrior | None) -> RegistrationResult:
         """Register two prepared clouds."""
 
-    def prepare(self, clouds: Sequence[np.ndarray]) -> list[Any]:
+    def prepare(self, clouds: Sequence[ArrayLike]) -> list[Any]:
         """Check each (N, 3) cloud and prepare it.
 
         Raises:
@@ -50,7 +51,7 @@ class PairMethod(ABC):
             raise ValueError(f"align got {len(pairs)} pairs but {len(priors)} priors; expected one a pair")
         return [self.align_pair(a, b, prior) for (a, b), prior in zip(pairs, priors, strict=True)]
 
-    def register(self, source: np.ndarray, target: np.ndarray, prior: MotionPrior | None = None) -> RegistrationResult:
+    def register(self, source: ArrayLike, target: ArrayLike, prior: MotionPrior | None = None) -> RegistrationResult:
         """Register one pair of (N, 3) clouds [m].
 
         Raises:
@@ -60,7 +61,7 @@ class PairMethod(ABC):
         return self.align([(a, b)], [prior])[0]
 
 
-def check_cloud(cloud: np.ndarray) -> Points:
+def check_cloud(cloud: ArrayLike) -> Points:
     """Give a cloud as a float64 (N, 3) array, or say what is wrong with it.
 
     Raises:

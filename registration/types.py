@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64
+from numpy.typing import ArrayLike
 
 from registration import planar, se3
 
@@ -88,7 +89,7 @@ class RegistrationMethod(Protocol):
     def name(self) -> str:
         """The name that tables print and `registration.create` knows."""
 
-    def prepare(self, clouds: Sequence[np.ndarray]) -> list[Any]:
+    def prepare(self, clouds: Sequence[ArrayLike]) -> list[Any]:
         """Turn (N, 3) clouds into whatever `align` wants of them."""
 
     def align(
@@ -96,5 +97,5 @@ class RegistrationMethod(Protocol):
     ) -> list[RegistrationResult]:
         """Register prepared (source, target) pairs; one result a pair, in order."""
 
-    def register(self, source: np.ndarray, target: np.ndarray, prior: MotionPrior | None = None) -> RegistrationResult:
+    def register(self, source: ArrayLike, target: ArrayLike, prior: MotionPrior | None = None) -> RegistrationResult:
         """Register one pair of (N, 3) clouds."""

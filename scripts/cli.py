@@ -103,12 +103,15 @@ def track(
 
     Example: regmot track kitti/tracking --sequence 0000 --estimator icp --out tracks
     """
-    from tracker.run import track_sequences
+    from tracker.run import TrackConfig, track_sequences
 
     from .console import messages, progress_bars
 
+    config = TrackConfig(
+        estimator=estimator, sequences=_names(sequence), classes=_names(classes), frame=frame, clock=clock
+    )
     with progress_bars() as progress:
-        paths = track_sequences(root, out, estimator, _names(sequence), _names(classes), frame, clock, progress)
+        paths = track_sequences(root, config, out, progress)
     for path, n_rows in paths:
         messages.print(f"{n_rows} velocities in {path}")
 
@@ -204,7 +207,7 @@ def benchmark(
 
     from evaluation import runtime
     from evaluation.report import machine
-    from tracker.store import write_text
+    from tracker.files import write_whole
 
     from .console import messages, print_table
 
@@ -213,7 +216,7 @@ def benchmark(
     print_table(["what", "ours [ms]", "peer", "peer [ms]", "ratio"], body, title=machine())
     if out is not None:
         rows = [{**asdict(t), "ratio": t.ratio} for t in timings]
-        write_text(out, json.dumps({"machine": machine(), "seed": seed, "timings": rows}, indent=1))
+        write_whole(out, json.dumps({"machine": machine(), "seed": seed, "timings": rows}, indent=1))
         messages.print(f"timings in {out}")
 
 

@@ -9,6 +9,7 @@ from registration import se3
 from tracker.types import Box
 
 CELL = 0.5  # side of the raster's cells [m]: small beside a car, and 120 m of them still fit a cache
+MAX_CELLS = 4_000_000  # 1 km x 1 km; boxes farther apart are no scan's, and are searched for without a raster
 
 
 def points_in_boxes(points_lidar: Float64[np.ndarray, "n 3"], boxes: Sequence[Box]) -> list[Int64[np.ndarray, " _"]]:
@@ -38,7 +39,10 @@ def _near_any_box(
 ) -> Int64[np.ndarray, " m"]:
     """Look each point's cell up in a raster of the cells that the boxes' bounding rectangles touch."""
     origin = low[:, :2].min(axis=0)
-    shape = np.floor((high[:, :2].max(axis=0) - origin) / CELL).astype(np.int64) + 1
+    extent = np.floor((high[:, :2].max(axis=0) - origin) / CELL) + 1.0
+    if extent.prod() > MAX_CELLS:
+        return np.arange(len(points))
+    shape = extent.astype(np.int64)
     marked = np.zeros((shape[0] + 1, shape[1] + 1), dtype=bool)  # the last row and column stand for outside
     first = np.floor((low[:, :2] - origin) / CELL).astype(np.int64)
     last = np.floor((high[:, :2] - origin) / CELL).astype(np.int64)

@@ -1,6 +1,7 @@
 """Run the tracker over sequences on disk: one CSV of tracks with velocities a sequence."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from tracker.errors import InputError, MissingDataError
@@ -13,50 +14,53 @@ from tracker.types import SENSOR, WORLD
 Progress = Callable[[str, int, int], None]  # what is under way, how much of it is done, of how much
 
 
+@dataclass(frozen=True)
+class TrackConfig:
+    """What to follow, and how."""
+
+    estimator: str = "icp"  # an estimator's or registration method's name
+    sequences: tuple[str, ...] = ()  # names; empty: all that have scans
+    classes: tuple[str, ...] = ("Car", "Van")
+    frame: str = WORLD  # world, or sensor: relative to the ego
+    clock: str = "auto"  # recorded stamps where there are any, or `nominal`: 10 Hz
+
+    def __post_init__(self) -> None:
+        """Refuse a frame that does not exist."""
+        if self.frame not in (WORLD, SENSOR):
+            raise InputError(f"unknown frame {self.frame!r}; expected {WORLD} or {SENSOR}")
+
+
 def track_sequences(
-    root: Path,
-    out: Path,
-    estimator: str = "icp",
-    sequences: Sequence[str] = (),
-    classes: Collection[str] = ("Car", "Van"),
-    frame_name: str = WORLD,
-    clock: str = "auto",
-    progress: Progress | None = None,
+    root: Path, config: TrackConfig, out: Path, progress: Progress | None = None
 ) -> list[tuple[Path, int]]:
     """Track each sequence and write `out/NAME.csv`; only one scan is in memory at a time.
 
     Args:
         root: a KITTI tracking folder or raw drives.
+        config: what to follow, and how.
         out: folder of the CSV files.
-        estimator: an estimator's or registration method's name.
-        sequences: names; empty: all that have scans.
-        classes: which objects to follow.
-        frame_name: WORLD, or SENSOR (relative to the ego).
-        clock: `auto` or `nominal`.
         progress: told of every frame.
 
     Returns:
         path and number of lines of each file.
 
     Raises:
-        InputError: an unknown sequence or frame name.
-        MissingDataError: no scans, or no ego poses for WORLD.
+        InputError: an unknown sequence.
+        MissingDataError: no scans, or no ego poses for the world frame.
         TrackerError, RegistrationError: data or a method that cannot be used.
     """
-    if frame_name not in (WORLD, SENSOR):
-        raise InputError(f"unknown frame {frame_name!r}; expected {WORLD} or {SENSOR}")
     written = []
-    for name in sequences or sequence_names(root):
-        sequence = open_sequence(root, name, clock)
+    for name in config.sequences or sequence_names(root):
+        sequence = open_sequence(root, name, config.clock)
         if len(sequence.missing_scans()) == len(sequence):
-            if not sequences:
+            if not config.sequences:
                 continue
             raise MissingDataError(f"sequence {name} has no scans ({sequence.scan_path(0)} ...)")
-        if frame_name == WORLD and sequence.poses is None:
+        if config.frame == WORLD and sequence.poses is None:
             raise MissingDataError(f"sequence {name} has no ego poses (oxts or poses): ask for the sensor frame")
         path = out / f"{name}.csv"
-        tracker = Tracker(create_estimator(estimator), classes)
-        written.append((path, write_tracks(path, _track(sequence, tracker, frame_name, progress))))
+        tracker = Tracker(create_estimator(config.estimator), config.classes)
+        written.append((path, write_tracks(path, _track(sequence, tracker, config.frame, progress))))
     if not written:
         raise MissingDataError(f"{root}: none of its sequences has scans")
     return written

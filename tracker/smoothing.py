@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -16,6 +16,7 @@ ACCELERATION_VARIANCE = 10.0  # [m^2/s^4]
 _WITHOUT_MEASUREMENT = (EstimateStatus.NEW_TRACK, EstimateStatus.NO_POINTS)
 
 
+@runtime_checkable
 class Smoothing(Protocol):
     """A way to use neighbouring frames; offline."""
 

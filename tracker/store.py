@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-import shutil
+import re
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,12 +14,22 @@ from typing import Any
 import numpy as np
 
 from tracker.errors import DataError, MissingDataError
+from tracker.files import write_whole
 from tracker.kitti import KittiSequence
 from tracker.tracklets import cut
 from tracker.types import Box, Segment, SegmentedFrame
 
 FORMAT, FORMAT_VERSION = "regmot-segments", 1
 FRAMES_PER_PART = 50
+
+_OURS = re.compile(r"(manifest\.json|part-\d{4,}\.npz)(\.tmp)?")  # all that a store's folder ever holds
+_COLUMNS = (
+    "index", "timestamp", "has_pose", "T_world_lidar",
+    "box_frame", "track_id", "class_name", "T_lidar_obj", "size", "truncation", "occlusion", "n_points",
+    "points_lidar",
+)  # fmt: skip
+# What NumPy and zipfile raise on damaged archives, by where the damage is.
+_DAMAGES = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zipfile.BadZipFile)
 
 Progress = Callable[[int, int], None]  # frames done, frames in all
 
@@ -116,26 +126,29 @@ def _fingerprint(sequence: KittiSequence) -> str:
 
 
 def _prepare_folder(folder: Path, manifest: dict[str, Any]) -> None:
+    """Keep a store made from the same files; clear any other, whole or half-made; refuse files of somebody else."""
     path = folder / "manifest.json"
-    if path.is_file():
-        try:
-            found = json.loads(path.read_text())
-        except ValueError:
-            found = None
-        if found == manifest:
-            return
-    elif folder.exists() and any(folder.iterdir()):
-        raise DataError(folder, "expected an empty folder or a store of segments, got other files")
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    write_text(path, json.dumps(manifest, indent=1))
+    if path.is_file() and _read_manifest(path) == manifest:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    found = list(folder.iterdir())
+    foreign = sorted(file.name for file in found if not _OURS.fullmatch(file.name))
+    if foreign:
+        what = f"expected an empty folder or a store of segments, got other files ({', '.join(foreign[:3])})"
+        raise DataError(folder, what)
+    for file in found:
+        file.unlink()
+    write_whole(path, json.dumps(manifest, indent=1))
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(text)
-    os.replace(temporary, path)
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_bytes())
+    except ValueError:
+        found = None
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise DataError(path, f"expected the manifest of a store of segments ({FORMAT}), got another file")
+    return found
 
 
 def _part_path(folder: Path, start: int) -> Path:
@@ -173,8 +186,8 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
 def _read_part(path: Path) -> Iterator[SegmentedFrame]:
     try:
         with np.load(path, allow_pickle=False) as archive:
-            columns = {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+            columns = {key: archive[key] for key in _COLUMNS}
+    except _DAMAGES as error:
         what = f"expected a part of a segment store, got a damaged file ({error}); delete it to have it cut anew"
         raise DataError(path, what) from error
     points = columns["points_lidar"].astype(np.float64)
@@ -187,7 +200,7 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
             boxes[box.track_id] = box
             n = int(columns["n_points"][i])
             if n >= 0:
-                cloud = points[ends[i] - n : ends[i]]
+                cloud = points[ends[i] - n : ends[i]].copy()  # a view would keep the whole part in memory
                 segments[box.track_id] = Segment(
                     box.track_id, box.class_name, int(index), timestamp, cloud, box.ground_z_lidar
                 )

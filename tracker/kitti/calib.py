@@ -4,15 +4,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 
 from registration import se3
 from registration.types import Transform
 from tracker.errors import DataError, MissingDataError
+from tracker.kitti.text import read_lines
 
 # Both spellings exist in the wild: the tracking benchmark's downloads and mirrors disagree.
 _RECTIFICATION = ("R0_rect", "R_rect")
 _LIDAR_TO_CAM = ("Tr_velo_to_cam", "Tr_velo_cam")
 _IMU_TO_LIDAR = ("Tr_imu_to_velo", "Tr_imu_velo")
+
+Entries = dict[str, tuple[int, list[str]]]  # each key's line number and words
+Rotation = Float64[np.ndarray, "3 3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,20 +38,20 @@ def read_tracking_calib(path: Path) -> Calibration:
 
     Raises:
         MissingDataError: there is no such file.
-        DataError: a matrix is missing, or is not made of the expected count of numbers.
+        DataError: a matrix is missing, is not made of the expected count of numbers, or is no rotation.
     """
     entries = _read_entries(path)
     R_rect = _matrix(path, entries, _RECTIFICATION, (3, 3))
-    T_rect = se3.pose(se3.nearest_rotation(R_rect), np.zeros(3))
+    T_rect = se3.pose(_rotation(path, entries, _RECTIFICATION, R_rect), np.zeros(3))
     T_cam_lidar = T_rect @ _rigid(path, entries, _LIDAR_TO_CAM)
     has_imu = any(key in entries for key in _IMU_TO_LIDAR)
     return Calibration(T_cam_lidar, _rigid(path, entries, _IMU_TO_LIDAR) if has_imu else None)
 
 
 def read_raw_calib(folder: Path) -> Calibration:
-    """Read `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt` and `calib_imu_to_velo.txt` of a raw day.
+    """Read `calib_velo_to_cam.txt` and `calib_imu_to_velo.txt` of a raw day; either may be missing.
 
-    A raw drive's boxes are in LiDAR axes: only the GPS/IMU's place is needed, and that file may be missing.
+    A raw drive's boxes are in LiDAR axes: only its GPS/IMU records need a calibration, the second file.
 
     Raises:
         DataError: a file is there but does not hold a rotation R and a translation T.
@@ -62,29 +67,36 @@ def _raw_rigid(path: Path) -> Transform:
     entries = _read_entries(path)
     R = _matrix(path, entries, ("R",), (3, 3))
     t = _matrix(path, entries, ("T",), (3, 1))
-    return se3.pose(se3.nearest_rotation(R), t[:, 0])
+    return se3.pose(_rotation(path, entries, ("R",), R), t[:, 0])
 
 
-def _rigid(path: Path, entries: dict[str, tuple[int, list[str]]], keys: tuple[str, ...]) -> Transform:
+def _rigid(path: Path, entries: Entries, keys: tuple[str, ...]) -> Transform:
     M = _matrix(path, entries, keys, (3, 4))
-    return se3.pose(se3.nearest_rotation(M[:, :3]), M[:, 3])
+    return se3.pose(_rotation(path, entries, keys, M[:, :3]), M[:, 3])
 
 
-def _read_entries(path: Path) -> dict[str, tuple[int, list[str]]]:
-    """Split `key: numbers` lines; gives each key's line number and words."""
+def _rotation(path: Path, entries: Entries, keys: tuple[str, ...], M: Rotation) -> Rotation:
+    """Undo what rounding bent; a matrix farther than 1e-3 from any rotation is none."""
+    R = se3.nearest_rotation(M)
+    if not np.allclose(R, M, rtol=0.0, atol=1e-3):
+        key = next(key for key in keys if key in entries)
+        raise DataError(path, f"{key}: expected a rotation, got another matrix", entries[key][0])
+    return R
+
+
+def _read_entries(path: Path) -> Entries:
+    """Split `key: numbers` lines."""
     if not path.is_file():
         raise MissingDataError(f"{path}: no such calibration file")
     entries = {}
-    for number, line in enumerate(path.read_text().splitlines(), start=1):
+    for number, line in enumerate(read_lines(path), start=1):
         words = line.replace(":", " ", 1).split()
         if words:
             entries[words[0]] = (number, words[1:])
     return entries
 
 
-def _matrix(
-    path: Path, entries: dict[str, tuple[int, list[str]]], keys: tuple[str, ...], shape: tuple[int, int]
-) -> np.ndarray:
+def _matrix(path: Path, entries: Entries, keys: tuple[str, ...], shape: tuple[int, int]) -> np.ndarray:
     key = next((key for key in keys if key in entries), None)
     if key is None:
         raise DataError(path, f"expected a line {' or '.join(keys)}, got {', '.join(entries) or 'nothing'}")

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from tracker.errors import DataError
+from tracker.kitti.text import read_lines
 
 NOMINAL_PERIOD = 0.1  # [s]
 
@@ -19,20 +20,22 @@ def read_times(path: Path) -> Float64[np.ndarray, " n"]:
 
     Seconds count from midnight (UTC) before the first stamp: a float64 holds nanoseconds of a day, not of an epoch.
 
+    Line k + 1 is frame k: a blank line between others is a frame without a time, and no reason to move the next up.
+
     Raises:
         DataError: a line is neither, or time does not advance; the message has path and line.
     """
-    lines = {n: line.strip() for n, line in enumerate(path.read_text().splitlines(), start=1) if line.strip()}
-    seconds = [_parse(path, number, line) for number, line in lines.items()]
+    lines = [line.strip() for line in read_lines(path)]
+    seconds = [_parse(path, number, line) for number, line in enumerate(lines, start=1)]
     if not seconds:
         raise DataError(path, "expected one timestamp a line, got an empty file")
     origin = 86400 * int(seconds[0][0] // 86400) if seconds[0][0] > 86400 else 0
     times = np.array([whole - origin + fraction for whole, fraction in seconds])
     backwards = np.flatnonzero(np.diff(times) <= 0.0)
     if len(backwards):
-        before, after = list(lines)[int(backwards[0])], list(lines)[int(backwards[0]) + 1]
-        what = f"expected a later time than in line {before}, got {lines[after]!r} after {lines[before]!r}"
-        raise DataError(path, what, after)
+        k = int(backwards[0])
+        what = f"expected a later time than in line {k + 1}, got {lines[k + 1]!r} after {lines[k]!r}"
+        raise DataError(path, what, k + 2)
     return times
 
 

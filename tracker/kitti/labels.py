@@ -9,6 +9,7 @@ import numpy as np
 from registration import se3
 from registration.types import Point, Transform
 from tracker.errors import DataError, MissingDataError
+from tracker.kitti.text import read_lines
 from tracker.types import Box
 
 DONT_CARE = "DontCare"
@@ -69,7 +70,7 @@ def read_labels(path: Path) -> list[Label]:
         raise MissingDataError(f"{path}: no such label file")
     labels = []
     seen: dict[tuple[int, int], int] = {}
-    for number, line in enumerate(path.read_text().splitlines(), start=1):
+    for number, line in enumerate(read_lines(path), start=1):
         words = line.split()
         if not words:
             continue

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from registration import se3
 from registration.types import Transform
 from tracker.errors import DataError
+from tracker.kitti.text import read_lines
 
 N_OXTS_COLUMNS = 30
 
@@ -25,11 +26,9 @@ def read_poses(path: Path) -> Poses:
         DataError: a line does not hold 12 finite numbers, or no rotation; the message has path and line.
     """
     rows = []
-    for number, line in enumerate(path.read_text().splitlines(), start=1):
-        if not line.strip():
-            continue
+    for number, line in enumerate(read_lines(path), start=1):
         values = _numbers(path, number, line.split())
-        if len(values) != 12:
+        if len(values) != 12:  # a blank line too: line k + 1 is frame k
             raise DataError(path, f"expected 12 numbers (a 3x4 pose), got {len(values)}", number)
         M = values.reshape(3, 4)
         R = se3.nearest_rotation(M[:, :3])
@@ -45,14 +44,17 @@ def read_oxts(files: Sequence[Path], T_lidar_imu: Transform) -> Poses:
     """Turn GPS/IMU records into T_world_lidar: pykitti's Mercator projection, east-north-up, first IMU at 0.
 
     Args:
-        files: one file with a record a line (tracking), or one file a record (raw).
+        files: one file with a record a line (tracking), or several with one record each (raw).
         T_lidar_imu: the IMU's pose in the LiDAR frame.
 
     Raises:
-        DataError: a record does not hold 30 finite numbers; the message has path and line.
+        DataError: a record does not hold 30 finite numbers, or one of several files not one record.
     """
     for path in files:
-        for number, line in enumerate(path.read_text().splitlines(), start=1):
+        lines = read_lines(path)
+        if len(files) > 1 and len(lines) != 1:  # else the records after it would move to other frames
+            raise DataError(path, f"expected one record, got {len(lines)}")
+        for number, line in enumerate(lines, start=1):
             values = _numbers(path, number, line.split())
             if len(values) != N_OXTS_COLUMNS:
                 raise DataError(path, f"expected {N_OXTS_COLUMNS} columns, got {len(values)}", number)

@@ -8,21 +8,23 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import se3
+from registration.types import Point
 from tracker.errors import DataError, MissingDataError
 from tracker.kitti.calib import read_raw_calib
-from tracker.kitti.clock import read_times
 from tracker.kitti.poses import Poses, read_oxts
 from tracker.kitti.sequence import KittiSequence, choose_times, count_frames
+from tracker.kitti.text import read_lines
 from tracker.types import Box
 
 TRACKLETS = "tracklet_labels.xml"
 
 
 def drive_folders(root: Path) -> list[Path]:
-    """Find raw drives: the root itself, or those below a day's folder."""
+    """Find raw drives: the root itself, or those below a day's folder that have tracklets (most have none)."""
+    root = root.absolute()  # a drive is named by its folder, also when ROOT is `.`
     if (root / "velodyne_points").is_dir() or (root / TRACKLETS).is_file():
         return [root]
-    return sorted(path for path in root.glob("*_drive_*_*") if (path / "velodyne_points").is_dir())
+    return sorted(path for path in root.glob("*_drive_*_*") if (path / TRACKLETS).is_file())
 
 
 def open_raw(root: Path, folder: Path, clock: str = "auto") -> KittiSequence:
@@ -30,7 +32,7 @@ def open_raw(root: Path, folder: Path, clock: str = "auto") -> KittiSequence:
 
     Raises:
         MissingDataError: the drive has no tracklets.
-        DataError: a file is malformed, or has fewer rows than there are frames.
+        DataError: a file is malformed, or a frame has no time or GPS/IMU record.
     """
     label_path, scans = folder / TRACKLETS, folder / "velodyne_points" / "data"
     by_frame = read_tracklets(label_path)
@@ -70,7 +72,7 @@ def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
     for track_id, item in enumerate(items):
         where = f"tracklet {track_id}"
         size = np.array([_number(path, item, key, where) for key in ("l", "w", "h")])
-        first = int(_number(path, item, "first_frame", where))
+        first = _integer(path, item, "first_frame", where)
         class_name = item.findtext("objectType", default="").strip()
         if not class_name or size.min() <= 0.0 or first < 0:
             raise DataError(path, f"{where}: expected objectType, positive h w l and first_frame >= 0")
@@ -80,17 +82,26 @@ def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
     return {frame: tuple(boxes) for frame, boxes in frames.items()}
 
 
-def _box(path: Path, pose: ElementTree.Element, track_id: int, class_name: str, size: Float64[np.ndarray, "3"]) -> Box:
-    x, y, z, yaw = (_number(path, pose, key, f"tracklet {track_id}") for key in ("tx", "ty", "tz", "rz"))
+def _box(path: Path, pose: ElementTree.Element, track_id: int, class_name: str, size: Point) -> Box:
+    where = f"tracklet {track_id}"
+    x, y, z, yaw = (_number(path, pose, key, where) for key in ("tx", "ty", "tz", "rz"))
     bottom_to_center = 0.5 * size[2]  # tz is the height of the bottom
     return Box(
         track_id=track_id,
         class_name=class_name,
         T_lidar_obj=se3.from_yaw(yaw, np.array([x, y, z + bottom_to_center])),
         size=size,
-        truncation=int(float(pose.findtext("truncation", default="-1"))),
-        occlusion=int(float(pose.findtext("occlusion", default="-1"))),
+        truncation=_integer(path, pose, "truncation", where, default="-1"),
+        occlusion=_integer(path, pose, "occlusion", where, default="-1"),
     )
+
+
+def _integer(path: Path, element: ElementTree.Element, key: str, where: str, default: str | None = None) -> int:
+    text = element.findtext(key, default=default)
+    try:
+        return int(text if text is not None else "nothing")
+    except ValueError:
+        raise DataError(path, f"{where}: expected an integer in <{key}>, got {text!r}") from None
 
 
 def _number(path: Path, element: ElementTree.Element, key: str, where: str) -> float:
@@ -107,18 +118,25 @@ def _number(path: Path, element: ElementTree.Element, key: str, where: str) -> f
 def _choose_times(folder: Path, n_frames: int, clock: str) -> tuple[Float64[np.ndarray, " n"], str, tuple[Path, ...]]:
     """Prefer the scans' own stamps; where they leave out missing scans, the GPS/IMU's, one a frame."""
     scan_stamps, imu_stamps = (folder / name / "timestamps.txt" for name in ("velodyne_points", "oxts"))
-    leaves_out = scan_stamps.is_file() and imu_stamps.is_file() and len(read_times(scan_stamps)) < n_frames
-    return choose_times([imu_stamps] if leaves_out else [scan_stamps, imu_stamps], n_frames, clock)
+    prefers_imu = imu_stamps.is_file() and scan_stamps.is_file() and _leaves_out_frames(scan_stamps, n_frames)
+    return choose_times([imu_stamps] if prefers_imu else [scan_stamps, imu_stamps], n_frames, clock)
+
+
+def _leaves_out_frames(stamps: Path, n_frames: int) -> bool:
+    """Tell whether stamps are missing: drive 0009 of 2011-09-26 has blank lines where it has no scan."""
+    lines = read_lines(stamps)
+    return len(lines) < n_frames or not all(line.strip() for line in lines)
 
 
 def _choose_poses(folder: Path, n_frames: int) -> tuple[Poses | None, str, tuple[Path, ...]]:
-    records = sorted((folder / "oxts" / "data").glob("*.txt"))
-    if not records:
+    records = folder / "oxts" / "data"
+    if not any(records.glob("*.txt")):
         return None, "none", ()
     T_lidar_imu = read_raw_calib(folder.parent).T_lidar_imu
     if T_lidar_imu is None:
         raise MissingDataError(f"{folder}: oxts needs the IMU's place: no {folder.parent}/calib_imu_to_velo.txt")
-    if len(records) < n_frames:
-        what = f"expected a record for each of {n_frames} frames, got {len(records)}"
-        raise DataError(folder / "oxts" / "data", what)
-    return read_oxts(records[:n_frames], T_lidar_imu), "oxts", tuple(records)
+    files = tuple(records / f"{frame:010d}.txt" for frame in range(n_frames))
+    missing = next((path for path in files if not path.is_file()), None)
+    if missing is not None:
+        raise DataError(missing, f"expected a record for each of {n_frames} frames, got no such file")
+    return read_oxts(files, T_lidar_imu), "oxts", files

@@ -1,5 +1,0 @@
-"""The runtime type checker of the test suite: beartype, where an int may stand for a float."""
-
-from beartype import BeartypeConf, beartype
-
-checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
