@@ -18,7 +18,7 @@ from registration.types import Point, Points, RegistrationMethod, Status, Transf
 from tracker.errors import InputError
 from tracker.files import write_whole
 from tracker.kitti import open_sequence, sequence_names
-from tracker.kitti.splits import in_split
+from tracker.kitti.splits import SPLITS, in_split
 from tracker.store import cut_sequence
 from tracker.tracklets import of_classes
 from tracker.types import Segment, SegmentedFrame
@@ -66,6 +66,13 @@ class RegisterConfig:
     ranges: tuple[float, ...] = (80.0, 20.0, 5.0)  # of the earlier box's centre, in 3-D, as published [m]
     split: str = "all"
     heading_axis: bool = True  # forgive a turn by pi
+
+    def __post_init__(self) -> None:
+        """Refuse names that do not exist before any work is done."""
+        if self.split not in SPLITS:
+            raise InputError(f"unknown split {self.split!r}; expected one of {', '.join(SPLITS)}")
+        for name in self.methods:
+            registration.create(name)
 
 
 def register_pairs(

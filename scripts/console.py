@@ -35,10 +35,11 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
 
 def print_table(header: Sequence[str], body: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print a table; figures stand to the right."""
+    """Print a table; figures stand to the right, and only the last column may take several lines."""
     table = Table(title=title or None, title_justify="left")
     for i, name in enumerate(header):
-        table.add_column(name, justify="left" if i == 0 else "right", no_wrap=True)
+        is_last = i == len(header) - 1
+        table.add_column(name, justify="left" if i == 0 else "right", no_wrap=not is_last, overflow="fold")
     for cells in body:
         table.add_row(*cells)
     out.print(table)
