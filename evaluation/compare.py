@@ -109,6 +109,7 @@ class Comparison:
     truth: str
     sequences: tuple[SequenceSummary, ...]
     scored: tuple[Scored, ...]
+    without_scans: tuple[str, ...] = ()  # sequences below the root that were passed over
 
 
 def compare(root: Path, config: CompareConfig, cache: Path, progress: Progress | None = None) -> Comparison:
@@ -127,7 +128,7 @@ def compare(root: Path, config: CompareConfig, cache: Path, progress: Progress |
         InputError: an unknown sequence, or nothing to score.
         TrackerError, RegistrationError: data or a method that cannot be used; the message says which.
     """
-    sequences = _open_sequences(root, config)
+    sequences, without_scans = _open_sequences(root, config)
     truth = _choose_truth(config.truth, sequences)
     summaries: list[SequenceSummary] = []
     scored: list[Scored] = []
@@ -142,7 +143,7 @@ def compare(root: Path, config: CompareConfig, cache: Path, progress: Progress |
             scored += _run(store, name, config, keys, truths, progress)
     if not any(len(part.velocity) for part in scored):
         raise InputError(f"{root}: no pair of consecutive frames of {', '.join(config.classes)} to score")
-    return Comparison(root, config, truth, tuple(summaries), tuple(scored))
+    return Comparison(root, config, truth, tuple(summaries), tuple(scored), without_scans)
 
 
 def _one_of(what: str, value: str, known: Sequence[str]) -> None:
@@ -154,15 +155,16 @@ def _named(progress: Progress | None, what: str) -> Callable[[int, int], None] |
     return None if progress is None else lambda done, total: progress(what, done, total)
 
 
-def _open_sequences(root: Path, config: CompareConfig) -> list[KittiSequence]:
-    """Open the sequences asked for; without a wish, those that have any scan."""
+def _open_sequences(root: Path, config: CompareConfig) -> tuple[list[KittiSequence], tuple[str, ...]]:
+    """Open the sequences asked for; without a wish, those that have any scan, and name the others."""
     names = config.sequences or tuple(sequence_names(root))
     sequences = [open_sequence(root, name, config.clock) for name in names]
-    if not config.sequences:
-        sequences = [s for s in sequences if len(s.missing_scans()) < len(s)]
-        if not sequences:
-            raise MissingDataError(f"{root}: none of its {len(names)} sequences has scans (velodyne)")
-    return sequences
+    if config.sequences:
+        return sequences, ()
+    with_scans = [s for s in sequences if len(s.missing_scans()) < len(s)]
+    if not with_scans:
+        raise MissingDataError(f"{root}: none of its {len(names)} sequences has scans (velodyne)")
+    return with_scans, tuple(s.name for s in sequences if s not in with_scans)
 
 
 def _choose_truth(wish: str, sequences: Sequence[KittiSequence]) -> str:

@@ -21,7 +21,8 @@ from tracker.estimators import CAUSAL
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B")
 LINES = {"causal": "-", "window": "--", "rts": ":"}
 MAX_TRACKS = 9  # panels of the picture of speeds
-ARROW_SECONDS = 1.0  # an arrow is as long as the way driven in this time
+ARROW_FRAMES = 10  # an arrow every so many frames, ...
+ARROW_SECONDS = 1.0  # ... as long as the way driven in this time: at 10 Hz true arrows touch and do not overlap
 
 
 def draw(comparison: Comparison, out: Path) -> list[Path]:
@@ -96,7 +97,7 @@ def _speed_over_time(parts: Sequence[Scored], comparison: Comparison, sequence: 
         ax.set_visible(False)
     figure.supxlabel("time [s]")
     figure.supylabel("speed [m/s]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9)
+    axes[0, 0].legend(fontsize=8, loc="lower right")
     figure.suptitle(f"Sequence {sequence.name}: speed over time, {parts[0].smoothing}", fontsize=11)
     return figure
 
@@ -129,7 +130,7 @@ def _broken_at_gaps(frames: Sequence[int], *columns: np.ndarray) -> list[np.ndar
 
 
 def _birds_eye_view(parts: Sequence[Scored], comparison: Comparison, sequence: SequenceSummary) -> Figure:
-    """Draw a panel an estimator: each track's way, with true and estimated velocities twice a second."""
+    """Draw a panel an estimator: each track's way, with true and estimated velocities once a second."""
     positions = [np.array([e.position for e in part.estimates]) for part in parts]
     low, high = np.min([p.min(axis=0) for p in positions], axis=0), np.max([p.max(axis=0) for p in positions], axis=0)
     width, height = np.maximum(high - low, 10.0)
@@ -142,7 +143,7 @@ def _birds_eye_view(parts: Sequence[Scored], comparison: Comparison, sequence: S
     for ax, part, position in zip(axes.flat, parts, positions, strict=True):
         _draw_ego(ax, sequence)
         _draw_ways(ax, part, position)
-        every = np.array([e.frame % 5 == 0 for e in part.estimates])
+        every = np.array([e.frame % ARROW_FRAMES == 0 for e in part.estimates])
         _draw_arrows(ax, position[every], part.true[every], "black", 0.005, "truth")
         color = _color(comparison, part.estimator)
         _draw_arrows(ax, position[every], part.velocity[every], color, 0.0025, part.estimator)

@@ -102,6 +102,7 @@ def results(comparison: Comparison) -> dict[str, Any]:
             "sequences": [s.name for s in comparison.sequences],
             "classes": list(config.classes),
             "split": config.split,
+            "without_scans": list(comparison.without_scans),
             "details": [
                 {
                     "sequence": s.name,
@@ -164,6 +165,8 @@ def heading(found: dict[str, Any]) -> list[str]:
     ]
     n_missing = sum(len(d["missing_scans"]) for d in details)
     n_without = sum(d["n_without_points"] for d in details)
+    if data["without_scans"]:
+        lines.append(f"sequences without scans, passed over: {', '.join(data['without_scans'])}")
     if n_missing:
         lines.append(f"frames whose scan is missing, skipped: {n_missing}")
     if n_without:

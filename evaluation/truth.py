@@ -66,7 +66,9 @@ def true_velocities(
         MissingDataError: world velocities without poses, or no exact poses.
     """
     if frame_name == WORLD and any(frame.T_world_lidar is None for frame in frames):
-        raise MissingDataError("velocities in the world need the ego's poses (oxts or poses), and there are none")
+        raise MissingDataError(
+            "velocities in the world need the ego's poses (oxts or poses), and there are none: ask for the sensor frame"
+        )
     if truth == "exact" and exact is None:
         raise MissingDataError("exact truth is there for simulated sequences only")
     found: dict[tuple[int, int], TrueVelocity] = {}
