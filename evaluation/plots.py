@@ -149,7 +149,7 @@ def _birds_eye_view(parts: Sequence[Scored], comparison: Comparison, sequence: S
         _draw_arrows(ax, position[every], part.velocity[every], color, 0.0025, part.estimator)
         ax.set_aspect("equal", adjustable="box")
         ax.set(xlim=(low[0] - 4.0, high[0] + 4.0), ylim=(low[1] - 4.0, high[1] + 4.0), xlabel="x [m]", ylabel="y [m]")
-        ax.legend(loc="upper right", fontsize=8)
+        ax.legend(loc="best", fontsize=8)
         ax.grid(True, alpha=0.3)
     figure.suptitle(
         f"Sequence {sequence.name} from above ({comparison.config.frame} frame, {parts[0].smoothing}): "

@@ -95,11 +95,14 @@ def crowded_frame(rng: np.random.Generator) -> tuple[Points, list[Box]]:
 
 
 def one_by_one(points: Points, boxes: list[Box]) -> list[np.ndarray]:
-    """Cut segments the plain way: move the whole scan into each box's axes and compare."""
+    """Cut segments the plain way: turn the whole scan into each upright box's axes and compare."""
     found = []
     for box in boxes:
-        points_obj = se3.transform(se3.invert(box.T_lidar_obj), points)
-        found.append(np.flatnonzero((np.abs(points_obj) <= 0.5 * box.size).all(axis=1)))
+        x, y, z = (points - box.center_lidar).T
+        c, s = np.cos(box.yaw_lidar), np.sin(box.yaw_lidar)
+        half_length, half_width, half_height = 0.5 * box.size
+        inside = (np.abs(c * x + s * y) <= half_length) & (np.abs(c * y - s * x) <= half_width)
+        found.append(np.flatnonzero(inside & (np.abs(z) <= half_height)))
     return found
 
 

@@ -9,7 +9,7 @@ from registration import se3
 from tracker.types import Box
 
 CELL = 0.5  # side of the raster's cells [m]: small beside a car, and 120 m of them still fit a cache
-MAX_CELLS = 4_000_000  # 1 km x 1 km; boxes farther apart are no scan's, and are searched for without a raster
+MAX_SIDE = 2000  # cells, 1 km: boxes farther apart are no scan's, and are searched for without a raster
 
 
 def points_in_boxes(points_lidar: Float64[np.ndarray, "n 3"], boxes: Sequence[Box]) -> list[Int64[np.ndarray, " _"]]:
@@ -40,7 +40,7 @@ def _near_any_box(
     """Look each point's cell up in a raster of the cells that the boxes' bounding rectangles touch."""
     origin = low[:, :2].min(axis=0)
     extent = np.floor((high[:, :2].max(axis=0) - origin) / CELL) + 1.0
-    if extent.prod() > MAX_CELLS:
+    if extent.max() > MAX_SIDE:
         return np.arange(len(points))
     shape = extent.astype(np.int64)
     marked = np.zeros((shape[0] + 1, shape[1] + 1), dtype=bool)  # the last row and column stand for outside

@@ -132,7 +132,7 @@ def _prepare_folder(folder: Path, manifest: dict[str, Any]) -> None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     found = list(folder.iterdir())
-    foreign = sorted(file.name for file in found if not _OURS.fullmatch(file.name))
+    foreign = sorted(file.name for file in found if not (_OURS.fullmatch(file.name) and file.is_file()))
     if foreign:
         what = f"expected an empty folder or a store of segments, got other files ({', '.join(foreign[:3])})"
         raise DataError(folder, what)
