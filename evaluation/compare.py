@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from evaluation.truth import TRUTHS, TrueVelocity, true_velocities
-from tracker.errors import InputError, MissingDataError
+from tracker.errors import InputError
 from tracker.estimators import CAUSAL, SMOOTHINGS, Estimator, create_estimator, create_smoothing
-from tracker.kitti import KittiSequence, open_sequence, sequence_names
+from tracker.kitti import KittiSequence, open_sequences, sequence_names
 from tracker.kitti.splits import SPLITS, in_split
 from tracker.kitti.truth import read_truth
 from tracker.store import SegmentStore, cut_sequence
@@ -128,7 +128,9 @@ def compare(root: Path, config: CompareConfig, cache: Path, progress: Progress |
         InputError: an unknown sequence, or nothing to score.
         TrackerError, RegistrationError: data or a method that cannot be used; the message says which.
     """
-    sequences, without_scans = _open_sequences(root, config)
+    sequences = open_sequences(root, config.sequences, config.clock)
+    opened = {sequence.name for sequence in sequences}
+    without_scans = tuple(name for name in sequence_names(root) if not config.sequences and name not in opened)
     truth = _choose_truth(config.truth, sequences)
     summaries: list[SequenceSummary] = []
     scored: list[Scored] = []
@@ -153,18 +155,6 @@ def _one_of(what: str, value: str, known: Sequence[str]) -> None:
 
 def _named(progress: Progress | None, what: str) -> Callable[[int, int], None] | None:
     return None if progress is None else lambda done, total: progress(what, done, total)
-
-
-def _open_sequences(root: Path, config: CompareConfig) -> tuple[list[KittiSequence], tuple[str, ...]]:
-    """Open the sequences asked for; without a wish, those that have any scan, and name the others."""
-    names = config.sequences or tuple(sequence_names(root))
-    sequences = [open_sequence(root, name, config.clock) for name in names]
-    if config.sequences:
-        return sequences, ()
-    with_scans = [s for s in sequences if len(s.missing_scans()) < len(s)]
-    if not with_scans:
-        raise MissingDataError(f"{root}: none of its {len(names)} sequences has scans (velodyne)")
-    return with_scans, tuple(s.name for s in sequences if s not in with_scans)
 
 
 def _choose_truth(wish: str, sequences: Sequence[KittiSequence]) -> str:

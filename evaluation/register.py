@@ -1,4 +1,4 @@
-"""Registration methods on pairs of real segments: the table of AlignNet-3D's section 4, from KITTI tracklets."""
+"""Registration methods on pairs of clouds: the table of AlignNet-3D's section 4, from KITTI or a set on disk."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -9,19 +9,18 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 import registration
-from evaluation.registration_error import box_motion, pair_error, score
+from evaluation.registration_error import pair_error, score
 from evaluation.report import RESULTS_FORMAT, machine, without_nan
-from registration.types import Point, Points, RegistrationMethod, Status, Transform
+from registration.pair_set import CloudPair, PairSet
+from registration.types import RegistrationMethod, Status
 from tracker.errors import InputError
 from tracker.files import write_whole
-from tracker.kitti import open_sequence, sequence_names
+from tracker.kitti import open_sequences
 from tracker.kitti.splits import SPLITS, in_split
-from tracker.store import cut_sequence
-from tracker.tracklets import of_classes
-from tracker.types import Segment, SegmentedFrame
+from tracker.pairs import track_pairs
 
 Progress = Callable[[str, int, int], None]
 
@@ -40,31 +39,17 @@ TABLE = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class LabelledPair:
-    """Two segments of one object in consecutive scans, each in its own scan's axes, and the labels' motion.
-
-    Attributes:
-        source, target: earlier and later cloud, z above the ground [m].
-        T_target_source: the label boxes' planar motion; raw, so it jitters by some centimetres itself.
-        center: of the earlier box [m]; z is the LiDAR's.
-    """
-
-    source: Points
-    target: Points
-    T_target_source: Transform
-    center: Point
-
-
 @dataclass(frozen=True)
 class RegisterConfig:
-    """Which pairs, and which methods."""
+    """Which pairs, and which methods.  The first three settings of pairs are KITTI's, the last two a set's on disk."""
 
     methods: tuple[str, ...] = ("centroid", "icp")
+    ranges: tuple[float, ...] = (80.0, 20.0, 5.0)  # of the earlier box's centre, in 3-D, as published [m]
     sequences: tuple[str, ...] = ()  # names; empty: all that have scans
     classes: tuple[str, ...] = ("Car", "Van")
-    ranges: tuple[float, ...] = (80.0, 20.0, 5.0)  # of the earlier box's centre, in 3-D, as published [m]
     split: str = "all"
+    part: str = "test"  # train, val or test
+    mirrored_angles: bool = False  # of the released KITTI sets
     heading_axis: bool = True  # forgive a turn by pi
 
     def __post_init__(self) -> None:
@@ -78,18 +63,23 @@ class RegisterConfig:
 def register_pairs(
     root: Path, config: RegisterConfig, cache: Path, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
-    """Run each method over all pairs of consecutive, non-empty segments; give the rows of `registration.json`.
+    """Run each method over all pairs; give the rows of `registration.json`.
 
-    Pairs are in the sensor frame, as published: the ego's motion is part of what is to be found.
+    Args:
+        root: a set of pairs on disk, or a KITTI folder: its consecutive, non-empty segments in LiDAR axes, not
+            compensated for the ego's motion (as published), against the raw label boxes' motion.
+        config: which pairs, and which methods.
+        cache: where segments cut from KITTI are kept.
+        progress: told of every frame and pair.
 
     Raises:
         InputError: there is no pair.
         TrackerError, RegistrationError: data or a method that cannot be used.
     """
-    pairs = list(labelled_pairs(root, config, cache, progress))
+    pairs = list(_choose_pairs(root, config, cache, progress))
     if not pairs:
-        raise InputError(f"{root}: no pair of consecutive segments of {', '.join(config.classes)}")
-    ranges = np.array([np.linalg.norm(pair.center) for pair in pairs])
+        raise InputError(f"{root}: no pair of clouds")
+    ranges = np.array([np.linalg.norm(pair.start_position) for pair in pairs])
     rows = []
     for name in config.methods:
         errors, failed, ms = run_method(registration.create(name), pairs, config.heading_axis, progress)
@@ -100,39 +90,22 @@ def register_pairs(
     return rows
 
 
-def labelled_pairs(
-    root: Path, config: RegisterConfig, cache: Path, progress: Progress | None = None
-) -> Iterator[LabelledPair]:
-    """Give the pairs of consecutive, non-empty segments of the classes and split asked for."""
-    for name in config.sequences or tuple(sequence_names(root)):
-        sequence = open_sequence(root, name)
-        if not config.sequences and len(sequence.missing_scans()) == len(sequence):
-            continue
-        report = None if progress is None else lambda k, n, name=name: progress(f"{name}: cutting segments", k, n)
-        previous: SegmentedFrame | None = None
-        for frame in cut_sequence(sequence, cache, report).frames():
-            for track_id, target in of_classes(frame.segments, config.classes).items():
-                source = previous.segments.get(track_id) if previous is not None else None
-                is_member = in_split(config.split, name, sequence.reindexed[track_id])
-                if previous is None or source is None or not is_member:
-                    continue
-                if len(source.points_lidar) and len(target.points_lidar):
-                    before, after = previous.boxes[track_id], frame.boxes[track_id]
-                    yield LabelledPair(
-                        source=_above_ground(source),
-                        target=_above_ground(target),
-                        T_target_source=box_motion(before.T_lidar_obj, after.T_lidar_obj),
-                        center=before.center_lidar,
-                    )
-            previous = frame
+def _choose_pairs(root: Path, config: RegisterConfig, cache: Path, progress: Progress | None) -> Iterator[CloudPair]:
+    if (root / "pointcloud1").is_dir():
+        yield from PairSet(root, config.mirrored_angles).pairs(config.part)
+        return
+    for sequence in open_sequences(root, config.sequences):
+        for rank, pair in track_pairs(sequence, config.classes, cache, np.eye(4), progress=progress):
+            if in_split(config.split, sequence.name, rank):
+                yield pair
 
 
 def run_method(
     method: RegistrationMethod,
-    pairs: Sequence[LabelledPair],
+    pairs: Sequence[CloudPair],
     heading_axis: bool,
     progress: Progress | None = None,
-) -> tuple[Float64[np.ndarray, "n 2"], np.ndarray, float]:
+) -> tuple[Float64[np.ndarray, "n 2"], Bool[np.ndarray, " n"], float]:
     """Register all pairs one by one; give errors (translation [m], turn [rad]), failures, and ms a pair."""
     errors = np.empty((len(pairs), 2))
     failed = np.zeros(len(pairs), dtype=bool)
@@ -141,7 +114,7 @@ def run_method(
         start = perf_counter()
         result = method.register(pair.source, pair.target)
         seconds += perf_counter() - start
-        errors[i] = pair_error(result.T_target_source, pair.T_target_source, pair.center, heading_axis)
+        errors[i] = pair_error(result.T_target_source, pair.T_target_source, pair.start_position, heading_axis)
         failed[i] = result.status is not Status.CONVERGED
         if progress is not None:
             progress(method.name, i + 1, len(pairs))
@@ -162,7 +135,3 @@ def write(rows: list[dict[str, Any]], root: Path, config: RegisterConfig, out: P
     }
     write_whole(path, json.dumps(without_nan(found), indent=1))
     return path
-
-
-def _above_ground(segment: Segment) -> Points:
-    return segment.points_lidar - [0.0, 0.0, segment.ground_z_lidar]

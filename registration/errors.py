@@ -35,6 +35,10 @@ class MethodContractError(RegistrationError, AssertionError):
     """A method breaks the plug-in contract; the message says which promise."""
 
 
+class PairSetError(RegistrationError, ValueError):
+    """A set of cloud pairs on disk cannot be read or written; the message names the file."""
+
+
 class SimulationError(RegistrationError, ValueError):
     """A mesh or a beam model cannot be used; the message says what was expected."""
 

@@ -4,6 +4,7 @@ import json
 import sys
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -118,16 +119,18 @@ def track(
 
 @app.command()
 def register(
-    root: Root,
+    root: Annotated[Path, typer.Argument(metavar="PAIRS", help="a set of pairs on disk, or a KITTI folder")],
     methods: Annotated[str, typer.Option(help="names, comma-separated: see `regmot methods`")] = "centroid,icp",
     sequence: Sequences = "",
     classes: Classes = "Car,Van",
     ranges: Ranges = "80,20,5",
     split: Split = "all",
+    part: Annotated[str, typer.Option(help="of a set on disk: train, val or test")] = "test",
+    mirrored_angles: Annotated[bool, typer.Option(help="the set holds the camera's angles, as released")] = False,
     full_heading: Annotated[bool, typer.Option(help="count a turn by 180 degrees as wrong")] = False,
     out: Annotated[Path, typer.Option(help="where registration.json and cut segments go")] = Path("out"),
 ) -> None:
-    """Score registration methods on pairs of consecutive segments, against the label boxes' motion.
+    """Score registration methods on a set of pairs, or on the consecutive segments of KITTI tracklets.
 
     Example: regmot register kitti/tracking --sequence 0000 --methods centroid,icp --out out
     """
@@ -142,6 +145,8 @@ def register(
         classes=_names(classes),
         ranges=_numbers("--range", ranges),
         split=split,
+        part=part,
+        mirrored_angles=mirrored_angles,
         heading_axis=not full_heading,
     )
     with progress_bars() as progress:
@@ -149,6 +154,31 @@ def register(
     path = registering.write(rows, root, config, out)
     print_table([name for name, _, _ in registering.TABLE], [table_cells(row, registering.TABLE) for row in rows])
     messages.print(f"rows in {path}")
+
+
+@app.command()
+def pairs(
+    name: Annotated[str, typer.Argument(help="kitti-tracklets-cars, kitti-tracklets-cars-persons; each also -hard")],
+    root: Annotated[Path, typer.Option(help="a KITTI tracking folder with scans")],
+    out: Annotated[Path, typer.Option(help="the set's folder; must not hold anything yet")],
+    sequence: Sequences = "",
+    rule: Annotated[str, typer.Option(help="which part a pair belongs to: by track id, or by sequence")] = "id",
+) -> None:
+    """Write a set of cloud pairs from KITTI tracklets, in AlignNet-3D's format on disk.
+
+    Example: regmot pairs kitti-tracklets-cars --root kitti/tracking --out pairs
+    """
+    from registration.pair_set import PARTS, write_pair_set
+    from tracker.kitti import open_sequences
+    from tracker.pairs import kitti_pairs
+
+    from .console import messages, progress_bars
+
+    sequences = open_sequences(root, _names(sequence))
+    about = {"name": name, "rule": rule, "sequences": [s.name for s in sequences]}
+    with TemporaryDirectory() as cache, progress_bars() as progress:
+        written = write_pair_set(out, kitti_pairs(name, sequences, Path(cache), rule, progress), about)
+    messages.print(", ".join(f"{part}: {len(written.ids(part))}" for part in PARTS) + f" pairs in {out}")
 
 
 @app.command()

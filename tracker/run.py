@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tracker.errors import InputError, MissingDataError
 from tracker.estimators import create_estimator
-from tracker.kitti import KittiSequence, open_sequence, sequence_names
+from tracker.kitti import KittiSequence, open_sequences
 from tracker.pipeline import Track, Tracker
 from tracker.tracks_file import write_tracks
 from tracker.types import SENSOR, WORLD
@@ -50,19 +50,14 @@ def track_sequences(
         TrackerError, RegistrationError: data or a method that cannot be used.
     """
     written = []
-    for name in config.sequences or sequence_names(root):
-        sequence = open_sequence(root, name, config.clock)
-        if len(sequence.missing_scans()) == len(sequence):
-            if not config.sequences:
-                continue
-            raise MissingDataError(f"sequence {name} has no scans ({sequence.scan_path(0)} ...)")
+    for sequence in open_sequences(root, config.sequences, config.clock):
         if config.frame == WORLD and sequence.poses is None:
-            raise MissingDataError(f"sequence {name} has no ego poses (oxts or poses): ask for the sensor frame")
-        path = out / f"{name}.csv"
+            raise MissingDataError(
+                f"sequence {sequence.name} has no ego poses (oxts or poses): ask for the sensor frame"
+            )
+        path = out / f"{sequence.name}.csv"
         tracker = Tracker(create_estimator(config.estimator), config.classes)
         written.append((path, write_tracks(path, _track(sequence, tracker, config.frame, progress))))
-    if not written:
-        raise MissingDataError(f"{root}: none of its sequences has scans")
     return written
 
 

@@ -159,7 +159,7 @@ def test_benchmark_shows_both_contestants(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", ["demo", "simulate", "compare", "track", "register", "methods", "splits", "benchmark"]
+    "command", ["demo", "simulate", "compare", "track", "pairs", "register", "methods", "splits", "benchmark"]
 )
 def test_every_command_helps_with_an_example_to_paste(command, tmp_path):
     assert f"Example: regmot {command}" in regmot(command, "--help", cwd=tmp_path).stdout
@@ -220,3 +220,13 @@ def test_a_missing_scan_is_reported_and_skipped(street, tmp_path):
     with (tmp_path / "out" / "estimates.csv").open() as file:
         frames = {int(row["frame"]) for row in csv.DictReader(file)}
     assert frames == {1, 2, 3, 6, 7}  # neither the missing frame nor the step after it
+
+
+def test_pairs_are_written_and_registered_from_disk(street, tmp_path):
+    regmot("pairs", "kitti-tracklets-cars", "--root", street, "--out", "set", cwd=tmp_path)
+    printed = regmot("register", "set", "--part", "train", "--methods", "icp", cwd=tmp_path)
+    rows = json.loads((tmp_path / "out" / "registration.json").read_text())["rows"]
+    assert rows[0]["n"] == len(list((tmp_path / "set" / "meta").iterdir()))
+    assert "icp" in printed.stdout
+    again = regmot("pairs", "kitti-tracklets-cars", "--root", street, "--out", "set", cwd=tmp_path, code=1)
+    assert "holds something already" in again.stderr

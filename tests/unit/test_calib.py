@@ -5,7 +5,7 @@ import pytest
 
 from tests.kitti_folder import IDENTITY, IMU_TO_LIDAR, LIDAR_TO_CAM, calib_text, row_of, turn, write
 from tracker.errors import DataError, MissingDataError
-from tracker.kitti.calib import read_raw_calib, read_tracking_calib
+from tracker.kitti.calib import read_raw_imu, read_tracking_calib
 
 BENCHMARK = ("R0_rect", "Tr_velo_to_cam", "Tr_imu_to_velo")
 MIRROR = ("R_rect", "Tr_velo_cam", "Tr_imu_velo")
@@ -91,11 +91,11 @@ def test_a_raw_days_imu_file_is_read_past_its_date(tmp_path):
     text = f"calib_time: 25-May-2012 16:47:16\nR: {row_of(turn(2, 0.3))}\nT: -0.81 0.32 -0.8\n"
     write(tmp_path / "calib_imu_to_velo.txt", text)
     expected = square(np.column_stack([turn(2, 0.3), [-0.81, 0.32, -0.8]]))
-    np.testing.assert_allclose(read_raw_calib(tmp_path).T_lidar_imu, expected, atol=1e-12)
+    np.testing.assert_allclose(read_raw_imu(tmp_path), expected, atol=1e-12)
 
 
 def test_a_raw_day_without_an_imu_file_has_no_place_for_the_imu(tmp_path):
-    assert read_raw_calib(tmp_path).T_lidar_imu is None
+    assert read_raw_imu(tmp_path) is None
 
 
 @pytest.mark.parametrize(
@@ -109,4 +109,4 @@ def test_a_raw_day_without_an_imu_file_has_no_place_for_the_imu(tmp_path):
 def test_a_malformed_raw_calibration_is_refused(tmp_path, text, message):
     write(tmp_path / "calib_imu_to_velo.txt", text)
     with pytest.raises(DataError, match=message):
-        read_raw_calib(tmp_path)
+        read_raw_imu(tmp_path)

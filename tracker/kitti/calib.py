@@ -48,19 +48,16 @@ def read_tracking_calib(path: Path) -> Calibration:
     return Calibration(T_cam_lidar, _rigid(path, entries, _IMU_TO_LIDAR) if has_imu else None)
 
 
-def read_raw_calib(folder: Path) -> Calibration:
-    """Read `calib_velo_to_cam.txt` and `calib_imu_to_velo.txt` of a raw day; either may be missing.
+def read_raw_imu(folder: Path) -> Transform | None:
+    """Read T_lidar_imu from `calib_imu_to_velo.txt` of a raw day; None where there is no such file.
 
-    A raw drive's boxes are in LiDAR axes: only its GPS/IMU records need a calibration, the second file.
+    A raw drive's boxes are in LiDAR axes: nothing else of its calibration is needed.
 
     Raises:
-        DataError: a file is there but does not hold a rotation R and a translation T.
+        DataError: the file does not hold a rotation R and a translation T.
     """
-    imu_path = folder / "calib_imu_to_velo.txt"
-    T_lidar_imu = _raw_rigid(imu_path) if imu_path.exists() else None
-    cam_path = folder / "calib_velo_to_cam.txt"
-    T_cam_lidar = _raw_rigid(cam_path) if cam_path.exists() else np.eye(4)
-    return Calibration(T_cam_lidar, T_lidar_imu)
+    path = folder / "calib_imu_to_velo.txt"
+    return _raw_rigid(path) if path.exists() else None
 
 
 def _raw_rigid(path: Path) -> Transform:

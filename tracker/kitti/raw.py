@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from registration import se3
 from registration.types import Point
 from tracker.errors import DataError, MissingDataError
-from tracker.kitti.calib import read_raw_calib
+from tracker.kitti.calib import read_raw_imu
 from tracker.kitti.poses import Poses, read_oxts
 from tracker.kitti.sequence import KittiSequence, choose_times, count_frames
 from tracker.kitti.text import read_lines
@@ -132,7 +132,7 @@ def _choose_poses(folder: Path, n_frames: int) -> tuple[Poses | None, str, tuple
     records = folder / "oxts" / "data"
     if not any(records.glob("*.txt")):
         return None, "none", ()
-    T_lidar_imu = read_raw_calib(folder.parent).T_lidar_imu
+    T_lidar_imu = read_raw_imu(folder.parent)
     if T_lidar_imu is None:
         raise MissingDataError(f"{folder}: oxts needs the IMU's place: no {folder.parent}/calib_imu_to_velo.txt")
     files = tuple(records / f"{frame:010d}.txt" for frame in range(n_frames))

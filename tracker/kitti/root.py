@@ -1,5 +1,6 @@
 """What a folder holds: a tracking benchmark's tree or raw drives, and its sequences by name."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from registration.errors import unknown_name
@@ -48,3 +49,19 @@ def open_sequence(root: Path, name: str, clock: str = "auto") -> KittiSequence:
         return tracking.open_tracking(root, folder, name, clock)
     drive = next(path for path in raw.drive_folders(root) if path.name == name)
     return raw.open_raw(root, drive, clock)
+
+
+def open_sequences(root: Path, names: Sequence[str] = (), clock: str = "auto") -> list[KittiSequence]:
+    """Open the sequences named, or all of ROOT that have any scan.
+
+    Raises:
+        MissingDataError: a sequence asked for has no scan, or none has; or see `open_sequence`.
+        DataError, InputError: see `open_sequence`.
+    """
+    found = [open_sequence(root, name, clock) for name in names or sequence_names(root)]
+    with_scans = [sequence for sequence in found if len(sequence.missing_scans()) < len(sequence)]
+    if not with_scans or (names and len(with_scans) < len(found)):
+        empty = next(sequence for sequence in found if sequence not in with_scans)
+        what = f"sequence {empty.name} has" if names else f"none of its {len(found)} sequences has"
+        raise MissingDataError(f"{root}: {what} scans ({empty.scan_path(0)} ...)")
+    return with_scans

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from registration.types import Transform
 from tracker.errors import DataError, InputError
 from tracker.kitti.clock import nominal_times, read_times
 from tracker.kitti.poses import Poses
@@ -31,6 +32,7 @@ class KittiSequence:
         boxes_of: the boxes of a frame, in LiDAR axes; made when asked for.
         reindexed: each track id's rank in order of first appearance (protocol of AlignNet-3D's split).
         sources: the files that boxes, times and poses come from.
+        T_cam_lidar: LiDAR to rectified camera, where the data set's labels live there.
         truth_path: where a simulator's exact truth is or would be; None where there can be none.
     """
 
@@ -45,6 +47,7 @@ class KittiSequence:
     reindexed: dict[int, int]
     sources: tuple[Path, ...]
     truth_path: Path | None = None
+    T_cam_lidar: Transform | None = None
 
     def __len__(self) -> int:
         """Count the frames, with or without a scan."""

@@ -57,6 +57,7 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto") -> K
         reindexed=reindex(label.track_id for label in labels),
         sources=(label_path, calib_path, *time_files, *pose_files),
         truth_path=folder / "truth" / f"{name}.csv",
+        T_cam_lidar=calibration.T_cam_lidar,
     )
 
 

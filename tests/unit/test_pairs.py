@@ -1,0 +1,81 @@
+"""Pairs from KITTI tracklets: consecutive ones, hard ones, their axes and their truth."""
+
+import numpy as np
+import pytest
+
+from registration import se3
+from tracker.errors import InputError
+from tracker.kitti import open_sequence
+from tracker.kitti.labels import read_labels
+from tracker.kitti.splits import in_split, reindex
+from tracker.pairs import hard_frames, kitti_pairs, pair_set_names, track_pairs
+from tracker.simulation import create_scene, simulate
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    root = tmp_path_factory.mktemp("street")
+    simulate(create_scene("street", 1, 3), root / "root", seed=1)
+    return open_sequence(root / "root", "0000")
+
+
+def test_hard_pairs_are_far_apart_and_turned():
+    yaws = {0: 0.0, 9: 1.0, 10: 1.0, 11: 0.7, 25: -3.1, 30: 3.1}
+    found = list(hard_frames(yaws))
+    assert (0, 10) in found  # 57 degrees in 10 frames
+    assert (0, 9) not in found  # too near
+    assert (0, 11) not in found  # 40 degrees
+    assert (25, 30) not in found  # 5 frames, and 0.08 rad across the cut
+
+
+def test_a_pairs_truth_carries_the_cloud_onto_the_next_one(street, tmp_path):
+    pairs = [p for _, p in track_pairs(street, ("Car", "Van"), tmp_path, np.eye(4))]
+    near = [p for p in pairs if len(p.source) > 300 and len(p.target) > 300]
+    assert len(near) >= 5
+    for p in near:
+        moved = se3.transform(p.T_target_source, p.source)
+        gap = np.abs(moved.mean(axis=0) - p.target.mean(axis=0))
+        assert gap.max() < 0.5
+        before, after = p.source.mean(axis=0), p.target.mean(axis=0)
+        assert np.hypot(*(moved.mean(axis=0) - after)[:2]) < np.hypot(*(before - after)[:2]) + 0.3
+
+
+def test_named_sets_start_at_the_camera_and_stand_on_one_ground(street, tmp_path):
+    in_lidar = [p for _, p in track_pairs(street, ("Car", "Van"), tmp_path, np.eye(4))]
+    named = list(kitti_pairs("kitti-tracklets-cars", [street], tmp_path))
+    assert len(named) == len(in_lidar)
+    for (part, camera), lidar in zip(named, in_lidar, strict=True):
+        assert part == "train"
+        center = se3.transform(street.T_cam_lidar, lidar.start_position[None])[0]
+        assert np.linalg.norm(camera.start_position) == pytest.approx(np.linalg.norm(center))
+        assert camera.start_position[2] == pytest.approx(camera.end_position[2], abs=1e-9)
+        assert camera.start_position[0] == pytest.approx(center[2])  # forward
+        assert camera.extra["frames"][1] == camera.extra["frames"][0] + 1
+
+
+def test_persons_come_in_only_where_asked_for(street, tmp_path):
+    classes = {p.extra["class"] for _, p in kitti_pairs("kitti-tracklets-cars-persons", [street], tmp_path)}
+    assert "Pedestrian" in classes
+    assert "Pedestrian" not in {p.extra["class"] for _, p in kitti_pairs("kitti-tracklets-cars", [street], tmp_path)}
+
+
+def test_unknown_names_are_refused(street, tmp_path):
+    with pytest.raises(InputError, match="unknown set of pairs 'cars'"):
+        next(kitti_pairs("cars", [street], tmp_path))
+    with pytest.raises(InputError, match="unknown split rule 'day'"):
+        next(kitti_pairs(pair_set_names()[0], [street], tmp_path, rule="day"))
+
+
+@pytest.mark.real
+@pytest.mark.parametrize(("classes", "expected"), [(("Car", "Van"), 2324), (("Car", "Van", "Pedestrian"), 3428)])
+def test_hard_pairs_of_the_real_labels_are_as_many_as_the_label_counts_say(kitti_root, classes, expected):
+    n = 0
+    for path in sorted((kitti_root / "training" / "label_02").glob("*.txt")):
+        labels = read_labels(path)
+        ranks = reindex(label.track_id for label in labels)
+        headings = {}
+        for label in labels:
+            if label.class_name in classes and in_split("id-test", path.stem, ranks[label.track_id]):
+                headings.setdefault(label.track_id, {})[label.frame] = -label.rotation_y
+        n += sum(1 for yaws in headings.values() for _ in hard_frames(yaws))
+    assert n == expected
