@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from time import perf_counter
 
@@ -21,6 +22,7 @@ from tracker.types import SENSOR, WORLD, EstimateStatus, SegmentedFrame, Velocit
 Progress = Callable[[str, int, int], None]  # what is under way, how much of it is done, of how much
 Key = tuple[int, int]  # (track id, frame)
 AUTO = "auto"
+WARM_UP_FRAMES = 3
 
 
 @dataclass(frozen=True)
@@ -227,6 +229,7 @@ def _run(
     """Run one estimator over a sequence once; give a table for each smoothing of its output."""
     sequence = store.manifest["sequence"]
     report = _named(progress, f"{sequence}: {name}")
+    _warm_up(create_estimator(name), store, config)
     tracklets, seconds = run_causal(create_estimator(name), store, config.classes, config.frame, report)
     n_transforms = sum(e.status is not EstimateStatus.NEW_TRACK for run in tracklets for e in run)
     for smoothing in config.smoothing:
@@ -240,6 +243,13 @@ def _run(
         by_key = {(e.track_id, e.frame): e for run in runs for e in run}
         ms = 1e3 * total / max(n_transforms, 1)
         yield _score_table(sequence, name, smoothing, [by_key[key] for key in keys], truths, ms)
+
+
+def _warm_up(estimator: Estimator, store: SegmentStore, config: CompareConfig) -> None:
+    """Step through a few frames untimed: what is compiled or loaded on first use is no cost of a transform."""
+    for frame in islice(store.frames(), WARM_UP_FRAMES):
+        T_world_lidar = frame.T_world_lidar if config.frame == WORLD else None
+        estimator.step(of_classes(frame.segments, config.classes), frame.timestamp, T_world_lidar)
 
 
 def run_causal(
