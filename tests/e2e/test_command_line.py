@@ -9,6 +9,8 @@ import sys
 import numpy as np
 import pytest
 
+from tests.kitti_folder import write_raw
+
 COMMAND = [sys.executable, "-m", "regmot"]
 
 
@@ -230,3 +232,15 @@ def test_pairs_are_written_and_registered_from_disk(street, tmp_path):
     assert "icp" in printed.stdout
     again = regmot("pairs", "kitti-tracklets-cars", "--root", street, "--out", "set", cwd=tmp_path, code=1)
     assert "holds something already" in again.stderr
+
+
+def test_a_raw_drive_runs_end_to_end_and_skips_its_missing_scans(tmp_path):
+    day = write_raw(tmp_path / "raw", n_frames=9, missing=(4,)).parent
+    options = ["--estimators", "centroid-kf", "--smoothing", "causal", "--truth", "labels", "--out", tmp_path / "out"]
+    found = regmot("compare", day, *options, cwd=tmp_path)
+    assert "ego poses: oxts" in found.stderr
+    assert "frames whose scan is missing, skipped: 1" in found.stderr
+    rows = json.loads((tmp_path / "out" / "results.json").read_text())["rows"]
+    assert rows[0]["n"] > 0
+    regmot("track", day, "--classes", "Car,Van,Pedestrian", "--out", tmp_path / "tracks", cwd=tmp_path)
+    assert len(list((tmp_path / "tracks").glob("*_sync.csv"))) == 1
