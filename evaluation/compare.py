@@ -1,5 +1,6 @@
 """Velocity estimators side by side: the same segments, the same truth, the same steps scored."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -12,7 +13,7 @@ from jaxtyping import Float64, Int64
 from evaluation.truth import TRUTHS, TrueVelocity, true_velocities
 from tracker.errors import InputError
 from tracker.estimators import CAUSAL, SMOOTHINGS, Estimator, create_estimator, create_smoothing
-from tracker.kitti import KittiSequence, open_sequences, sequence_names
+from tracker.kitti import KittiSequence, check_classes, check_poses, open_sequences, sequence_names
 from tracker.kitti.splits import SPLITS, in_split
 from tracker.kitti.truth import read_truth
 from tracker.store import SegmentStore, cut_sequence
@@ -49,10 +50,9 @@ class CompareConfig:
         for name in self.smoothing:
             _one_of("smoothing", name, SMOOTHINGS)
         for field in ("classes", "estimators", "smoothing", "ranges"):
-            if not getattr(self, field):
-                raise InputError(f"{field} is empty; expected at least one")
-        if min(self.ranges) <= 0.0:
-            raise InputError(f"ranges must be positive [m], got {self.ranges}")
+            check_list(field, getattr(self, field))
+        check_list("sequences", self.sequences, may_be_empty=True)
+        check_ranges(self.ranges)
         if self.window < 0:
             raise InputError(f"window must be 0 or more frames, got {self.window}")
         for name in self.estimators:
@@ -131,6 +131,9 @@ def compare(root: Path, config: CompareConfig, cache: Path, progress: Progress |
         TrackerError, RegistrationError: data or a method that cannot be used; the message says which.
     """
     sequences = open_sequences(root, config.sequences, config.clock)
+    check_classes(sequences, config.classes)
+    if config.frame == WORLD:
+        check_poses(sequences)
     opened = {sequence.name for sequence in sequences}
     without_scans = tuple(name for name in sequence_names(root) if not config.sequences and name not in opened)
     truth = _choose_truth(config.truth, sequences)
@@ -148,6 +151,21 @@ def compare(root: Path, config: CompareConfig, cache: Path, progress: Progress |
     if not any(len(part.velocity) for part in scored):
         raise InputError(f"{root}: no pair of consecutive frames of {', '.join(config.classes)} to score")
     return Comparison(root, config, truth, tuple(summaries), tuple(scored), without_scans)
+
+
+def check_list(what: str, items: Sequence[object], may_be_empty: bool = False) -> None:
+    """Refuse an empty list, and one that names something twice: it would count twice."""
+    if not items and not may_be_empty:
+        raise InputError(f"{what} is empty; expected at least one")
+    twice = next((item for item in items if list(items).count(item) > 1), None)
+    if twice is not None:
+        raise InputError(f"{what} has {twice} twice")
+
+
+def check_ranges(ranges: Sequence[float]) -> None:
+    """Refuse ranges that are no positive lengths."""
+    if not all(0.0 < range_m < math.inf for range_m in ranges):
+        raise InputError(f"ranges must be positive and finite [m], got {', '.join(f'{r:g}' for r in ranges)}")
 
 
 def _one_of(what: str, value: str, known: Sequence[str]) -> None:

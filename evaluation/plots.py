@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -28,7 +29,8 @@ ARROW_SECONDS = 1.0  # ... as long as the way driven in this time: at 10 Hz true
 def draw(comparison: Comparison, out: Path) -> list[Path]:
     """Draw all pictures of a comparison into a folder, as PNG; give their paths."""
     out.mkdir(parents=True, exist_ok=True)
-    pictures = {"error_against_range": _error_against_range(comparison)}
+    found = range_rows(comparison)
+    pictures = {"error_against_range": _error_against_range(comparison, found)} if found else {}
     for sequence in comparison.sequences:
         parts = [part for part in comparison.scored if part.sequence == sequence.name and len(part.velocity)]
         if parts:
@@ -54,9 +56,8 @@ def _color(comparison: Comparison, estimator: str) -> str:
     return COLORS[comparison.config.estimators.index(estimator) % len(COLORS)]
 
 
-def _error_against_range(comparison: Comparison) -> Figure:
+def _error_against_range(comparison: Comparison, found: Sequence[dict[str, Any]]) -> Figure:
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, height_ratios=(4, 1), layout="constrained")
-    found = range_rows(comparison)
     for estimator in comparison.config.estimators:
         for smoothing in comparison.config.smoothing:
             line = [r for r in found if (r["estimator"], r["smoothing"]) == (estimator, smoothing)]

@@ -97,6 +97,7 @@ def results(comparison: Comparison) -> dict[str, Any]:
         "version": version("regmot"),
         "machine": machine(),
         "seed": config.seed,
+        "config": asdict(config),
         "data": {
             "root": str(comparison.root),
             "sequences": [s.name for s in comparison.sequences],

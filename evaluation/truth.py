@@ -20,10 +20,10 @@ WINDOW, ORDER = 9, 2  # of the Savitzky-Golay filter [frames]
 
 # A parked object's label centres stay together and go nowhere.  Labels jitter by 0.03-0.05 m and poses drift
 # by 0.1 m/s at most over a track's life, so a steady 0.3 m/s that stands out of the jitter is motion.
-PARKED_SPREAD = 1.0  # largest distance from the median centre [m]
+PARKED_SPREAD = 1.0  # diagonal of the rectangle around the centres [m]
 PARKED_SPEED = 0.3  # of a straight line through the centres [m/s]
 LABEL_NOISE = 0.05  # floor of the centres' scatter [m]
-SIGNIFICANCE = 3.0  # slopes below this many standard errors are no trend
+SIGNIFICANCE = 2.0  # slopes below this many standard errors are no trend
 
 Centers = Float64[np.ndarray, "n 3"]
 
@@ -122,11 +122,9 @@ def _steps(track: _TrackBoxes, centers: Centers, parked: bool) -> dict[tuple[int
 def is_parked(centers_world: Centers, times: Float64[np.ndarray, " n"]) -> bool:
     """Tell whether label centres over an object's whole life are those of something that stands still."""
     xy = centers_world[:, :2]
-    spread = np.hypot(*(xy - np.median(xy, axis=0)).T).max()
-    if spread >= PARKED_SPREAD:
+    spread = np.hypot(*np.ptp(xy, axis=0))
+    if spread >= PARKED_SPREAD or len(xy) < 2:
         return False
-    if len(xy) < 3:
-        return True
     t = times - times.mean()
     slope = t @ (xy - xy.mean(axis=0)) / (t @ t)
     scatter = np.sqrt(np.mean((xy - xy.mean(axis=0) - np.outer(t, slope)) ** 2))

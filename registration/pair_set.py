@@ -102,16 +102,14 @@ class PairSet:
         sign = -1.0 if self.mirrored_angles else 1.0
         path = self.folder / "meta" / f"{id_:08d}.json"
         try:
-            positions = [
-                np.array([float(w) for w in meta.pop(key).split()]) for key in ("start_position", "end_position")
-            ]
-            angles = [sign * float(meta.pop(key)) for key in ("start_angle", "end_angle")]
+            start, end = (np.array([float(w) for w in meta.pop(f"{k}_position").split()]) for k in ("start", "end"))
+            start_angle, end_angle = (sign * float(meta.pop(f"{k}_angle")) for k in ("start", "end"))
         except (KeyError, ValueError, AttributeError) as error:
             raise PairSetError(f"{path}: expected positions and angles of a pair, got {error!r}") from None
-        if any(position.shape != (3,) for position in positions) or not np.isfinite([*positions[0], *angles]).all():
-            raise PairSetError(f"{path}: expected positions of three finite numbers")
-        clouds = [self._cloud(name, id_) for name in ("pointcloud1", "pointcloud2")]
-        return CloudPair(*clouds, *positions, *angles, extra=meta)
+        if not (start.shape == end.shape == (3,) and np.isfinite([*start, *end, start_angle, end_angle]).all()):
+            raise PairSetError(f"{path}: expected positions of three finite numbers, and finite angles")
+        source, target = self._cloud("pointcloud1", id_), self._cloud("pointcloud2", id_)
+        return CloudPair(source, target, start, end, start_angle, end_angle, extra=meta)
 
     def _is_released_test(self, position: int, id_: int) -> bool:
         """Tell validation from test items in the authors' sets: KITTI by track id, synthetic ones by position."""
@@ -156,28 +154,35 @@ def write_pair_set(folder: Path, pairs: Iterable[tuple[str, CloudPair]], about: 
     Raises:
         PairSetError: the folder holds something already, or there is no pair.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise PairSetError(f"{folder}: holds something already; choose an empty folder")
+    folder = folder.absolute()
     unfinished = folder.with_name(f"{folder.name}.unfinished")
-    shutil.rmtree(unfinished, ignore_errors=True)
+    for path in (folder, unfinished):
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise PairSetError(f"{path}: holds something already; choose an empty folder, or remove it")
+    try:
+        _write_all(unfinished, pairs, about)
+        if folder.exists():
+            folder.rmdir()
+        os.replace(unfinished, folder)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    return PairSet(folder)
+
+
+def _write_all(folder: Path, pairs: Iterable[tuple[str, CloudPair]], about: dict[str, Any]) -> None:
     for name in ("meta", "pointcloud1", "pointcloud2", "transform", "split"):
-        (unfinished / name).mkdir(parents=True)
+        (folder / name).mkdir(parents=True)
     ids: dict[str, list[int]] = {part: [] for part in PARTS}
     for id_, (part, pair) in enumerate(pairs):
         ids[part].append(id_)
-        _write_pair(unfinished, id_, pair)
+        _write_pair(folder, id_, pair)
     if not any(ids.values()):
-        shutil.rmtree(unfinished)
-        raise PairSetError(f"{folder}: there is no pair to write")
+        raise PairSetError("there is no pair to write")
     lists = {"train": ids["train"], "val": ids["val"] + ids["test"], "test": ids["test"]}
     for name, members in lists.items():
-        (unfinished / "split" / f"{name}.txt").write_text("".join(f"{id_}\n" for id_ in members))
+        (folder / "split" / f"{name}.txt").write_text("".join(f"{id_}\n" for id_ in members))
     counts = {part: len(members) for part, members in ids.items()}
-    (unfinished / "about.json").write_text(json.dumps({**about, "angles": "heading", "n": counts}, indent=1))
-    if folder.exists():
-        folder.rmdir()
-    os.replace(unfinished, folder)
-    return PairSet(folder)
+    (folder / "about.json").write_text(json.dumps({**about, "angles": "heading", "n": counts}, indent=1))
 
 
 def _write_pair(folder: Path, id_: int, pair: CloudPair) -> None:

@@ -13,6 +13,8 @@ Motion = Float64[np.ndarray, "3"]
 Covariance = Float64[np.ndarray, "3 3"]
 Vector2 = Float64[np.ndarray, "2"]
 
+RESOLUTION = 1e-9  # clouds smaller than this share of their distance from the origin are points
+
 
 def wrap(angle: float) -> float:
     """Bring an angle [rad] to (-pi, pi]."""
@@ -74,7 +76,7 @@ def align_pairs(source: Float64[np.ndarray, "n d"], target: Float64[np.ndarray, 
     """Find the planar motion that brings each source point closest to its partner.
 
     Minimises the sum of squared horizontal distances over (x, y, yaw); z is neither used nor moved.
-    Coincident points leave the turn undetermined: it is 0 then.
+    Coincident points leave the turn undetermined: it is 0 then, and no product of rounding.
 
     Args:
         source: points in the source frame, (n, 2) or (n, 3) [m].
@@ -95,6 +97,8 @@ def align_pairs(source: Float64[np.ndarray, "n d"], target: Float64[np.ndarray, 
     a, b = source[:, :2] - source_mean, target[:, :2] - target_mean
     dot = float((a * b).sum())
     cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
-    yaw = float(np.arctan2(cross, dot)) if np.hypot(cross, dot) > 0.0 else 0.0
+    extent = np.sqrt(min(float((a * a).sum()), float((b * b).sum())) / len(source))
+    resolution = RESOLUTION * max(1.0, float(np.abs(source_mean).max()), float(np.abs(target_mean).max()))
+    yaw = float(np.arctan2(cross, dot)) if extent > resolution else 0.0
     x, y = target_mean - rotation(yaw) @ source_mean
     return se3.from_yaw(yaw, np.array([x, y, 0.0]))

@@ -18,7 +18,9 @@ app = typer.Typer(
 )
 
 Root = Annotated[Path, typer.Argument(help="a KITTI tracking folder (label_02, velodyne, calib) or a raw drive")]
-Sequences = Annotated[str, typer.Option("--sequence", help="names, comma-separated; default: all that have scans")]
+Sequences = Annotated[
+    list[str], typer.Option("--sequence", help="name, or names with commas; may be repeated; default: all with scans")
+]
 Classes = Annotated[str, typer.Option(help="names, comma-separated")]
 FrameName = Annotated[str, typer.Option("--frame", help="world, or sensor: relative to the ego")]
 Clock = Annotated[str, typer.Option(help="auto: recorded times where there are any; nominal: 10 Hz")]
@@ -57,7 +59,7 @@ def simulate(
 @app.command()
 def compare(
     root: Root,
-    sequence: Sequences = "",
+    sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
     classes: Classes = "Car,Van",
     estimators: Annotated[str, typer.Option(help="names, comma-separated: see `regmot methods`")] = "centroid-kf,icp",
     smoothing: Annotated[str, typer.Option(help="of causal, window, rts")] = "causal,window,rts",
@@ -75,7 +77,7 @@ def compare(
     Example: regmot compare kitti/tracking --sequence 0000 --frame world --truth smoothed --out out
     """
     settings = {
-        "sequences": _names(sequence),
+        "sequences": _names(",".join(sequence)),
         "classes": _names(classes),
         "estimators": _names(estimators),
         "smoothing": _names(smoothing),
@@ -94,7 +96,7 @@ def compare(
 def track(
     root: Root,
     estimator: Annotated[str, typer.Option(help="see `regmot methods`")] = "icp",
-    sequence: Sequences = "",
+    sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
     classes: Classes = "Car,Van",
     frame: FrameName = "world",
     clock: Clock = "auto",
@@ -109,7 +111,7 @@ def track(
     from .console import messages, progress_bars
 
     config = TrackConfig(
-        estimator=estimator, sequences=_names(sequence), classes=_names(classes), frame=frame, clock=clock
+        estimator=estimator, sequences=_names(",".join(sequence)), classes=_names(classes), frame=frame, clock=clock
     )
     with progress_bars() as progress:
         paths = track_sequences(root, config, out, progress)
@@ -121,7 +123,7 @@ def track(
 def register(
     root: Annotated[Path, typer.Argument(metavar="PAIRS", help="a set of pairs on disk, or a KITTI folder")],
     methods: Annotated[str, typer.Option(help="names, comma-separated: see `regmot methods`")] = "centroid,icp",
-    sequence: Sequences = "",
+    sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
     classes: Classes = "Car,Van",
     ranges: Ranges = "80,20,5",
     split: Split = "all",
@@ -141,7 +143,7 @@ def register(
 
     config = registering.RegisterConfig(
         methods=_names(methods),
-        sequences=_names(sequence),
+        sequences=_names(",".join(sequence)),
         classes=_names(classes),
         ranges=_numbers("--range", ranges),
         split=split,
@@ -152,6 +154,8 @@ def register(
     with progress_bars() as progress:
         rows = registering.register_pairs(root, config, out / "tracklets", progress)
     path = registering.write(rows, root, config, out)
+    for line in registering.heading(root, config):
+        messages.print(line)
     print_table([name for name, _, _ in registering.TABLE], [table_cells(row, registering.TABLE) for row in rows])
     messages.print(f"rows in {path}")
 
@@ -161,7 +165,7 @@ def pairs(
     name: Annotated[str, typer.Argument(help="kitti-tracklets-cars, kitti-tracklets-cars-persons; each also -hard")],
     root: Annotated[Path, typer.Option(help="a KITTI tracking folder with scans")],
     out: Annotated[Path, typer.Option(help="the set's folder; must not hold anything yet")],
-    sequence: Sequences = "",
+    sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
     rule: Annotated[str, typer.Option(help="which part a pair belongs to: by track id, or by sequence")] = "id",
 ) -> None:
     """Write a set of cloud pairs from KITTI tracklets, in AlignNet-3D's format on disk.
@@ -174,7 +178,7 @@ def pairs(
 
     from .console import messages, progress_bars
 
-    sequences = open_sequences(root, _names(sequence))
+    sequences = open_sequences(root, _names(",".join(sequence)))
     about = {"name": name, "rule": rule, "sequences": [s.name for s in sequences]}
     with TemporaryDirectory() as cache, progress_bars() as progress:
         written = write_pair_set(out, kitti_pairs(name, sequences, Path(cache), rule, progress), about)
@@ -302,7 +306,7 @@ def _state_of(name: str) -> str:
 
     try:
         registration.create(name)
-    except RegistrationError as error:
+    except (RegistrationError, TypeError, ValueError) as error:
         return str(error)
     return "ready"
 

@@ -1,12 +1,15 @@
-"""Run the tracker over sequences on disk: one CSV of tracks with velocities a sequence."""
+"""Run the tracker over sequences on disk: one CSV of tracks with velocities a sequence, and how it was made."""
 
+import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 
-from tracker.errors import InputError, MissingDataError
+from tracker.errors import InputError
 from tracker.estimators import create_estimator
-from tracker.kitti import KittiSequence, open_sequences
+from tracker.files import write_whole
+from tracker.kitti import KittiSequence, check_classes, check_poses, open_sequences
 from tracker.pipeline import Track, Tracker
 from tracker.tracks_file import write_tracks
 from tracker.types import SENSOR, WORLD
@@ -49,15 +52,17 @@ def track_sequences(
         MissingDataError: no scans, or no ego poses for the world frame.
         TrackerError, RegistrationError: data or a method that cannot be used.
     """
+    sequences = open_sequences(root, config.sequences, config.clock)
+    check_classes(sequences, config.classes)
+    if config.frame == WORLD:
+        check_poses(sequences)
     written = []
-    for sequence in open_sequences(root, config.sequences, config.clock):
-        if config.frame == WORLD and sequence.poses is None:
-            raise MissingDataError(
-                f"sequence {sequence.name} has no ego poses (oxts or poses): ask for the sensor frame"
-            )
+    for sequence in sequences:
         path = out / f"{sequence.name}.csv"
         tracker = Tracker(create_estimator(config.estimator), config.classes)
         written.append((path, write_tracks(path, _track(sequence, tracker, config.frame, progress))))
+    about = {"version": version("regmot"), "root": str(root), "config": asdict(config)}
+    write_whole(out / "tracks.json", json.dumps(about, indent=1))
     return written
 
 

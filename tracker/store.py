@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import re
 import zipfile
 from collections.abc import Callable, Iterator
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tracker.errors import DataError, MissingDataError
-from tracker.files import write_whole
+from tracker.files import UNFINISHED, whole_file, write_whole
 from tracker.kitti import KittiSequence
 from tracker.tracklets import cut
 from tracker.types import Box, Segment, SegmentedFrame
@@ -22,7 +21,9 @@ from tracker.types import Box, Segment, SegmentedFrame
 FORMAT, FORMAT_VERSION = "regmot-segments", 1
 FRAMES_PER_PART = 50
 
-_OURS = re.compile(r"(manifest\.json|part-\d{4,}\.npz)(\.tmp)?")  # all that a store's folder ever holds
+_OURS = re.compile(
+    rf"(manifest\.json|part-\d{{4,}}\.npz)({re.escape(UNFINISHED)})?"
+)  # all that a store's folder ever holds
 _COLUMNS = (
     "index", "timestamp", "has_pose", "T_world_lidar",
     "box_frame", "track_id", "class_name", "T_lidar_obj", "size", "truncation", "occlusion", "n_points",
@@ -177,10 +178,8 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
         "n_points": np.array([-1 if s is None else len(s.points_lidar) for s in segments], dtype=np.int64),
         "points_lidar": np.concatenate([np.empty((0, 3)), *clouds]).astype(np.float32),
     }
-    temporary = path.with_name(path.name + ".tmp")
-    with temporary.open("wb") as file:
+    with whole_file(path, "wb") as file:
         np.savez(file, **columns)
-    os.replace(temporary, path)
 
 
 def _read_part(path: Path) -> Iterator[SegmentedFrame]:

@@ -1,10 +1,10 @@
 """Tracks with velocities as a CSV file: what `regmot track` writes."""
 
 import csv
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from tracker.files import whole_file
 from tracker.pipeline import Track
 
 COLUMNS = (
@@ -21,16 +21,13 @@ def write_tracks(path: Path, tracks: Iterable[Track]) -> int:
     Returns:
         how many lines were written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".tmp")
     n_rows = 0
-    with temporary.open("w", newline="") as file:
+    with whole_file(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for track in tracks:
             writer.writerow(_row(track))
             n_rows += 1
-    os.replace(temporary, path)
     return n_rows
 
 

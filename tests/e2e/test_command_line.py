@@ -181,9 +181,14 @@ def test_every_command_helps_with_an_example_to_paste(command, tmp_path):
         (["compare", "STREET", "--truth", "guess"], "unknown truth 'guess'"),
         (["compare", "STREET", "--window", "-1"], "window must be 0 or more frames, got -1"),
         (["compare", "STREET", "--range", "-5"], "ranges must be positive"),
-        (["compare", "STREET", "--classes", "Tram"], "no pair of consecutive frames of Tram to score"),
+        (["compare", "STREET", "--classes", "Tram"], "no Tram in the labels; they hold Car, Pedestrian, Van"),
         (["track", "STREET", "--estimator", "icq"], "no estimator 'icq'"),
         (["register", "STREET", "--methods", "icq"], "no registration method 'icq'"),
+        (["compare", "STREET", "--estimators", "icp,icp"], "estimators has icp twice"),
+        (["compare", "STREET", "--sequence", "0000", "--sequence", "0000"], "sequences has 0000 twice"),
+        (["compare", "STREET", "--range", "inf"], "ranges must be positive and finite [m], got inf"),
+        (["track", "STREET", "--classes", "car"], "no car in the labels"),
+        (["register", "STREET", "--methods", ""], "methods is empty"),
         (["simulate", "new", "--scene", "moon"], "no scene 'moon'"),
         (["simulate", "STREET/training"], "holds something that no simulation has written"),
     ],
@@ -195,6 +200,21 @@ def test_our_errors_are_one_line_and_exit_code_1(street, arguments, message, tmp
     assert message in last
     assert "Traceback" not in found.stderr
     assert not list(tmp_path.rglob("results.json")) + list(tmp_path.rglob("simulation.json"))  # nothing half-written
+
+
+def test_brackets_in_a_path_are_no_markup(street, tmp_path):
+    options = ["--estimators", "centroid-kf", "--smoothing", "causal", "--out", "o[red] [/b]"]
+    found = regmot("compare", street, *options, cwd=tmp_path)
+    assert "o[red] [/b]/results.json" in found.stderr
+    assert (tmp_path / "o[red] [/b]" / "results.json").is_file()
+
+
+def test_ranges_without_a_step_give_a_table_of_dashes_and_no_picture_of_nothing(street, tmp_path):
+    regmot("compare", street, "--estimators", "centroid-kf", "--range", "0.5", "--out", "out", cwd=tmp_path)
+    rows = json.loads((tmp_path / "out" / "results.json").read_text())["rows"]
+    assert {row["n"] for row in rows} == {0}
+    assert {row["rmse_velocity"] for row in rows} == {None}
+    assert not (tmp_path / "out" / "error_against_range.png").exists()
 
 
 @pytest.mark.parametrize("arguments", [["compare"], ["compare", "x", "--window", "wide"], ["nonsense"]])
@@ -210,6 +230,10 @@ def test_a_scan_cut_off_mid_point_ends_the_run_with_its_name(street, tmp_path):
     found = regmot("compare", copy, "--out", tmp_path / "out", cwd=tmp_path, code=1)
     assert "000005.bin: expected a multiple of 16 bytes" in found.stderr
     assert not (tmp_path / "out" / "results.json").exists()
+    regmot("track", copy, "--out", tmp_path / "tracks", cwd=tmp_path, code=1)
+    assert list((tmp_path / "tracks").iterdir()) == []
+    regmot("pairs", "kitti-tracklets-cars", "--root", copy, "--out", tmp_path / "set", cwd=tmp_path, code=1)
+    assert not list(tmp_path.glob("set*"))
 
 
 def test_a_missing_scan_is_reported_and_skipped(street, tmp_path):

@@ -237,10 +237,12 @@ def test_a_run_stopped_while_it_writes_a_part_leaves_no_half_part(training, tmp_
     assert not list((tmp_path / "store" / "0000").glob("*.npz"))
     store = cut_into(training, tmp_path / "store")
     assert_equal_frames(store.frames(), [cut(frame) for frame in opened(training).frames()])
-    assert not list(store.folder.glob("*.tmp"))
+    assert not list(store.folder.glob("*.unfinished"))
 
 
-@pytest.mark.parametrize("left", [[], ["manifest.json.tmp"], ["part-0000.npz", "part-0002.npz", "part-0002.npz.tmp"]])
+@pytest.mark.parametrize(
+    "left", [[], ["manifest.json.unfinished"], ["part-0000.npz", "part-0002.npz", "part-0002.npz.unfinished"]]
+)
 def test_a_run_stopped_while_it_clears_or_founds_a_store_is_no_obstacle(training, tmp_path, left):
     folder = tmp_path / "store" / "0000"
     folder.mkdir(parents=True)

@@ -93,6 +93,9 @@ def test_raw_labels_of_a_parked_object_keep_their_jitter():
         (0.6, 12, 0.03, False),  # a car that creeps out of a gate
         (5.0, 3, 0.02, False),  # a passing car seen for three frames
         (0.0, 3, 0.05, True),  # a parked one seen as briefly
+        (15.0, 2, 0.02, False),  # two frames are enough to tell driving from standing
+        (5.0, 2, 0.02, False),
+        (0.0, 2, 0.05, True),
     ],
 )
 def test_parked_is_told_from_slow(speed, n, jitter, parked):

@@ -50,6 +50,7 @@ def open_raw(root: Path, folder: Path, clock: str = "auto") -> KittiSequence:
         scan_path=lambda frame: scans / f"{frame:010d}.bin",
         boxes_of=lambda frame: by_frame.get(frame, ()),
         reindexed={track_id: rank for rank, track_id in enumerate(sorted(track_ids))},
+        class_names=tuple(sorted({box.class_name for boxes in by_frame.values() for box in boxes})),
         sources=(label_path, *time_files, *pose_files),
     )
 

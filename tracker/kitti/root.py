@@ -1,6 +1,6 @@
 """What a folder holds: a tracking benchmark's tree or raw drives, and its sequences by name."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from registration.errors import unknown_name
@@ -65,3 +65,29 @@ def open_sequences(root: Path, names: Sequence[str] = (), clock: str = "auto") -
         what = f"sequence {empty.name} has" if names else f"none of its {len(found)} sequences has"
         raise MissingDataError(f"{root}: {what} scans ({empty.scan_path(0)} ...)")
     return with_scans
+
+
+def check_classes(sequences: Sequence[KittiSequence], classes: Collection[str]) -> None:
+    """Refuse a wish for classes that occur in none of the sequences: a misspelt one would find nothing, silently.
+
+    Raises:
+        InputError: none of the classes occurs; the message lists those that do.
+    """
+    present = sorted({name for sequence in sequences for name in sequence.class_names})
+    if not any(name in present for name in classes):
+        wish, found = ", ".join(classes) or "class", ", ".join(present) or "nothing"
+        raise InputError(f"no {wish} in the labels; they hold {found}")
+
+
+def check_poses(sequences: Sequence[KittiSequence]) -> None:
+    """Refuse sequences without ego poses, before any work that needs them.
+
+    Raises:
+        MissingDataError: naming the first such sequence.
+    """
+    for sequence in sequences:
+        if sequence.poses is None:
+            raise MissingDataError(
+                f"sequence {sequence.name} has no ego poses (oxts or poses), which velocities in the world need: "
+                "ask for the sensor frame"
+            )

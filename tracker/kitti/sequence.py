@@ -31,6 +31,7 @@ class KittiSequence:
         scan_path: path of a frame's scan, whether or not it exists.
         boxes_of: the boxes of a frame, in LiDAR axes; made when asked for.
         reindexed: each track id's rank in order of first appearance (protocol of AlignNet-3D's split).
+        class_names: the classes that occur in its labels.
         sources: the files that boxes, times and poses come from.
         T_cam_lidar: LiDAR to rectified camera, where the data set's labels live there.
         truth_path: where a simulator's exact truth is or would be; None where there can be none.
@@ -45,6 +46,7 @@ class KittiSequence:
     scan_path: Callable[[int], Path]
     boxes_of: Callable[[int], tuple[Box, ...]]
     reindexed: dict[int, int]
+    class_names: tuple[str, ...]
     sources: tuple[Path, ...]
     truth_path: Path | None = None
     T_cam_lidar: Transform | None = None

@@ -6,7 +6,7 @@ from pathlib import Path
 from registration import se3
 from tracker.errors import DataError, MissingDataError
 from tracker.kitti.calib import Calibration, read_tracking_calib
-from tracker.kitti.labels import Label, read_labels
+from tracker.kitti.labels import Label, class_names, read_labels
 from tracker.kitti.poses import Poses, read_oxts, read_poses
 from tracker.kitti.sequence import KittiSequence, choose_times, count_frames
 from tracker.kitti.splits import reindex
@@ -55,6 +55,7 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto") -> K
         scan_path=lambda frame: scans / f"{frame:06d}.bin",
         boxes_of=boxes_of,
         reindexed=reindex(label.track_id for label in labels),
+        class_names=tuple(class_names(labels)),
         sources=(label_path, calib_path, *time_files, *pose_files),
         truth_path=folder / "truth" / f"{name}.csv",
         T_cam_lidar=calibration.T_cam_lidar,

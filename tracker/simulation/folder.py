@@ -16,7 +16,7 @@ from registration.synthetic.lidar import HDL_64E, BeamModel, PlacedMesh, Sweep, 
 from registration.synthetic.meshes import Material, box_mesh
 from registration.types import Transform
 from tracker.errors import DataError, InputError
-from tracker.files import write_whole
+from tracker.files import UNFINISHED, write_whole
 from tracker.kitti import writer
 from tracker.kitti.truth import COLUMNS
 from tracker.simulation.scenes import Actor, Scene
@@ -94,10 +94,13 @@ def simulate(
     if not sequence.replace("-", "").replace("_", "").isalnum():
         raise InputError(f"a sequence's name is made of letters and digits, got {sequence!r}")
     sequences = _open_record(out)
-    unfinished = out / f".unfinished-{sequence}"
+    unfinished = out / f"{UNFINISHED}-{sequence}"
     shutil.rmtree(unfinished, ignore_errors=True)
-    _write_sequence(scene, unfinished, sequence, seed, progress, beam_model)
-    _move_into_place(unfinished, out / "training")
+    try:
+        _write_sequence(scene, unfinished, sequence, seed, progress, beam_model)
+        _move_into_place(unfinished, out / "training")
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
     sequences[sequence] = {
         "scene": scene.name, "n_frames": scene.n_frames, "seed": seed, "beam_model": beam_model.name,
     }  # fmt: skip
@@ -201,7 +204,8 @@ def _open_record(out: Path) -> dict[str, object]:
         if not isinstance(record, dict) or record.get("format") != FORMAT:
             raise DataError(path, f"expected a simulation's record of format {FORMAT}")
         return dict(record.get("sequences", {}))
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    leftover = RECORD + UNFINISHED  # of a run that was killed
+    if out.exists() and (not out.is_dir() or any(path.name != leftover for path in out.iterdir())):
         raise DataError(out, "holds something that no simulation has written; choose an empty folder")
     _write_record(out, {})
     return {}
@@ -220,4 +224,3 @@ def _move_into_place(unfinished: Path, training: Path) -> None:
         if target.is_dir():
             shutil.rmtree(target)
         os.replace(piece, target)
-    shutil.rmtree(unfinished)
