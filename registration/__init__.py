@@ -10,6 +10,7 @@
 from registration.conformance import check_method
 from registration.errors import RegistrationError
 from registration.method import PairMethod
+from registration.refined import refined
 from registration.registry import create, names
 from registration.types import MotionPrior, RegistrationMethod, RegistrationResult, Status
 
@@ -23,4 +24,5 @@ __all__ = [
     "check_method",
     "create",
     "names",
+    "refined",
 ]

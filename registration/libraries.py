@@ -31,3 +31,21 @@ def load_open3d(needed_by: str) -> ModuleType:
             f"{needed_by} needs Open3D, which cannot be imported ({error}). "
             "Install it with: pip install 'regmot[open3d]'"
         ) from error
+
+
+def load_small_gicp(needed_by: str) -> ModuleType:
+    """Import small_gicp.
+
+    Args:
+        needed_by: what asks for it, for the error message.
+
+    Raises:
+        MissingLibraryError: small_gicp cannot be imported.
+    """
+    try:
+        return importlib.import_module("small_gicp")
+    except (ImportError, OSError) as error:
+        raise MissingLibraryError(
+            f"{needed_by} needs small_gicp, which cannot be imported ({error}). "
+            "Install it with: pip install 'regmot[gicp]'"
+        ) from error

@@ -26,6 +26,18 @@ PAIRS_FLOOR = 0.01  # standard deviation of any shift [m]
 PAIRS_SAMPLING = 0.3  # of a shift between two single points [m]
 TURN_SHARE = 0.3  # a turn is this much better known than a shift, as an angle over the cloud's extent
 
+# Surface pairs: what small_gicp's relative covariances are worth, as a factor of the information, ...
+SURFACE_WEIGHT = 2.0
+SURFACE_PAIRS = 2600  # ... that falls off where pairs are so many that they share their errors, ...
+SURFACE_FLOOR = 0.01  # ... a standard deviation of any shift [m], ...
+SURFACE_APART = 2.3  # ... and the share of the extent that is added if nothing overlaps, with the overlap squared
+
+# Features: one agreeing correspondence is worth this [m], ...
+FEATURES_SAMPLING = 0.14
+FEATURES_FLOOR = 0.01  # ... many of them are never better than this [m], ...
+FEATURES_SLIDE = 0.007  # ... nor than this share of the extent; ...
+FEATURES_TURN = 0.9  # ... a turn is known as well as a shift, as an angle over the cloud's extent
+
 # Centroids: they wander over the visible side by a share of its extent, and each point is a sample of it.
 WANDER = 0.14  # share of each cloud's extent
 CENTROID_SAMPLING = 0.57  # of one point about the middle of its object [m]
@@ -63,6 +75,41 @@ def of_point_pairs(source: Points, target: Points, n_pairs: int, is_settled: boo
     shift = slide * extent + sampling * np.eye(2)
     turn = TURN_SHARE**2 * (slide + sampling / max(float(np.trace(extent)), 1e-6))
     return _assemble(shift, min(turn, UNKNOWN_TURN**2))
+
+
+def of_surface_pairs(
+    information: PlanarCovariance, belief: PlanarCovariance, source: Points, target: Points, n_pairs: int
+) -> PlanarCovariance:
+    """Bound the error of a motion found by pairing surfaces, with a belief that decides what they leave open.
+
+    Unlike the cost of point pairs, that of surface pairs is flat along a side: its second derivatives tell which
+    way a cloud may have slid.
+
+    Args:
+        information: half the second derivatives of the cost over (x, y, yaw), without the belief's share.
+        belief: covariance of what was believed beforehand.
+        source: all points of the source [m].
+        target: all points of the target [m].
+        n_pairs: how many source points found a partner.
+    """
+    apart = 1.0 - n_pairs / max(len(source), len(target))
+    counted = SURFACE_WEIGHT / (1.0 + n_pairs / SURFACE_PAIRS)
+    covariance = np.linalg.inv(counted * information + np.linalg.inv(belief))
+    covariance[:2, :2] += SURFACE_FLOOR**2 * np.eye(2) + SURFACE_APART**2 * apart**4 * _extent(source)
+    return covariance
+
+
+def of_features(source: Points, n_agreeing: int) -> PlanarCovariance:
+    """Bound the error of a motion found by correspondences of features; what counts is how many of them agree.
+
+    Args:
+        source: all points of the source [m].
+        n_agreeing: how many correspondences agree with the motion; at least one.
+    """
+    extent = _extent(source)
+    single = FEATURES_FLOOR**2 + FEATURES_SAMPLING**2 / n_agreeing
+    turn = FEATURES_TURN**2 * single / max(float(np.trace(extent)), 1e-6)
+    return _assemble(single * np.eye(2) + FEATURES_SLIDE**2 * extent, min(turn, UNKNOWN_TURN**2))
 
 
 def _extent(points: Points) -> Float64[np.ndarray, "2 2"]:

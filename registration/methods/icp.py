@@ -1,41 +1,18 @@
 """Point-to-point ICP in the plane: pair nearest neighbours, align the pairs, repeat."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Int64
-from scipy.spatial import KDTree
 
-from registration import planar, se3, uncertainty
-from registration.method import PairMethod, nothing_known
-from registration.types import MotionPrior, Point, Points, RegistrationResult, Status, Transform
-
-
-@dataclass(frozen=True, slots=True)
-class Cloud:
-    """A cloud with what every alignment of it needs."""
-
-    points: Points
-    tree: KDTree
-    centroid: Point
-
-
-@dataclass(frozen=True, slots=True)
-class Pairing:
-    """Which source points found a partner within reach, and how far off they are."""
-
-    source: Int64[np.ndarray, " n"]
-    target: Int64[np.ndarray, " n"]
-    fitness: float
-    rmse: float
-
-    def __len__(self) -> int:
-        return len(self.source)
+from registration import icp_kernels, iterative, neighbours, uncertainty
+from registration.iterative import BatchMethod, Cloud
+from registration.types import MotionPrior, Points, RegistrationResult, Status
 
 
 @dataclass(frozen=True)
-class PointToPointICP(PairMethod):
+class PointToPointICP(BatchMethod):
     """Pair each point with its nearest neighbour in 3-D, align the pairs in the plane, repeat.
 
     Starts from the shift between the centroids (or from the prior's mean); the shift in z of the start is kept.
@@ -51,6 +28,7 @@ class PointToPointICP(PairMethod):
     max_iterations: int = 30
     tolerance: float = 1e-6  # stop when fitness and RMSE [m] both change less than this
     min_points: int = 3  # smaller clouds, and fewer pairs, say nothing of the turn
+    threads: int = 1  # that align the pairs of a batch
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot work."""
@@ -60,61 +38,38 @@ class PointToPointICP(PairMethod):
             raise ValueError(f"max_iterations must be at least 1, got {self.max_iterations}")
 
     def prepare_cloud(self, points: Points) -> Cloud:
-        """Build the search tree."""
-        return Cloud(points, KDTree(points), points.mean(axis=0) if len(points) else np.zeros(3))
+        """Sort the points into cells."""
+        return iterative.prepare(points, 2.0 * self.max_distance)
 
-    def align_pair(self, source: Cloud, target: Cloud, prior: MotionPrior | None) -> RegistrationResult:
-        """Iterate from the start to the nearest minimum."""
-        if len(source.points) == 0 or len(target.points) == 0:
-            return nothing_known(source.centroid, Status.TOO_FEW_POINTS)
-        T = _start(source, target, prior)
-        if min(len(source.points), len(target.points)) < self.min_points:
-            return _fallback(source, target, T, Status.TOO_FEW_POINTS)
-        pairing, is_settled, n_iterations = self._pair(T, source, target), False, 0
-        while not is_settled and n_iterations < self.max_iterations:
-            if len(pairing) < self.min_points:
-                return _fallback(source, target, T, Status.NO_OVERLAP)
-            moved = se3.transform(T, source.points[pairing.source])
-            T = planar.align_pairs(moved, target.points[pairing.target]) @ T
-            previous, pairing = pairing, self._pair(T, source, target)
-            is_settled = _is_settled(previous, pairing, self.tolerance)
-            n_iterations += 1
-        return RegistrationResult(
-            T_target_source=T,
-            source_centroid=source.centroid,
-            covariance=uncertainty.of_point_pairs(source.points, target.points, len(pairing), is_settled),
-            status=Status.CONVERGED if is_settled else Status.NOT_CONVERGED,
-            rmse=pairing.rmse,
-            n_pairs=len(pairing),
-            n_iterations=n_iterations,
+    def align_batch(
+        self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]
+    ) -> list[RegistrationResult]:
+        """Iterate each pair from its start to the nearest minimum."""
+        motions, outcomes = iterative.starts(pairs, priors), np.empty((len(pairs), 4))
+        sources, begin = neighbours.pack_arrays([source.grid.points for source, _ in pairs])
+        targets = neighbours.pack([target.grid for _, target in pairs])
+        limits = (float(self.max_distance), self.max_iterations, float(self.tolerance), self.min_points)
+        neighbours.share_out(
+            lambda a, b: icp_kernels.point_to_point(a, b, sources, begin, *targets, limits, motions, outcomes),
+            len(pairs),
+            self.threads,
         )
-
-    def _pair(self, T: Transform, source: Cloud, target: Cloud) -> Pairing:
-        """Find each source point's nearest target point within `max_distance`."""
-        distance, nearest = target.tree.query(se3.transform(T, source.points), distance_upper_bound=self.max_distance)
-        paired = np.flatnonzero(np.isfinite(distance))
-        rmse = float(np.sqrt(np.mean(distance[paired] ** 2))) if len(paired) else float("nan")
-        return Pairing(paired, nearest[paired], len(paired) / len(source.points), rmse)
+        answers = zip(pairs, motions.tolist(), outcomes.tolist(), strict=True)
+        return [_result(source, target, motion, outcome) for (source, target), motion, outcome in answers]
 
 
-def _start(source: Cloud, target: Cloud, prior: MotionPrior | None) -> Transform:
-    shift = target.centroid - source.centroid
-    if prior is None:
-        return se3.pose(np.eye(3), shift)
-    return planar.to_transform(prior.mean, source.centroid, z=float(shift[2]))
-
-
-def _is_settled(before: Pairing, after: Pairing, tolerance: float) -> bool:
-    return abs(after.fitness - before.fitness) < tolerance and abs(after.rmse - before.rmse) < tolerance
-
-
-def _fallback(source: Cloud, target: Cloud, T: Transform, status: Status) -> RegistrationResult:
-    """Give the start as the best guess: no better than the centroids it comes from."""
+def _result(source: Cloud, target: Cloud, motion: list[float], outcome: list[float]) -> RegistrationResult:
+    status, n_pairs = iterative.STATUS[int(outcome[0])], int(outcome[1])
+    T = iterative.transform(motion, source, target)
+    if status not in (Status.CONVERGED, Status.NOT_CONVERGED):
+        return iterative.fallback(source, target, T, status)
+    is_settled = status is Status.CONVERGED
     return RegistrationResult(
         T_target_source=T,
         source_centroid=source.centroid,
-        covariance=uncertainty.of_centroids(source.points, target.points),
+        covariance=uncertainty.of_point_pairs(source.points, target.points, n_pairs, is_settled),
         status=status,
-        rmse=float("nan"),
-        n_pairs=0,
+        rmse=outcome[2],
+        n_pairs=n_pairs,
+        n_iterations=int(outcome[3]),
     )

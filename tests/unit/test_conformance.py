@@ -79,7 +79,7 @@ class Meddling(PointToPointICP):
 @pytest.mark.parametrize(
     ("method", "promise"),
     [
-        (Overconfident(), "nothing is known exactly"),
+        (Overconfident(), "no shift is known exactly"),
         (Tilting(), "it turns about z only"),
         (Leaping(), "poor clouds cause no leap, got one of 1000 m"),
         (Pretending(), "an empty cloud is no success"),

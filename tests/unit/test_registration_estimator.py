@@ -8,7 +8,7 @@ import pytest
 from registration import se3
 from registration.methods.icp import PointToPointICP
 from tests.segments import car_cloud, moving_tracklet, segment, steps
-from tracker.errors import UnknownEstimatorError
+from tracker.errors import InputError, UnknownEstimatorError
 from tracker.estimators import create_estimator, estimator_names
 from tracker.estimators.contract import Estimator
 from tracker.estimators.registration import RegistrationEstimator
@@ -141,3 +141,23 @@ def test_smoothing_a_tracklet_is_smoothing_its_steps_and_leaves_live_tracks_alon
     again = estimator.step({7: live.segments[-1]}, 0.6, None)[7]
     assert again.status is not EstimateStatus.NEW_TRACK
     assert len(expected) == len(offline)
+
+
+def test_a_track_whose_first_box_is_empty_starts_with_its_first_points():
+    estimator = create_estimator("icp")
+    cloud = car_cloud() + [10.0, 0.0, 0.0]
+    estimator.step({7: segment(np.empty((0, 3)), 0)}, 0.0, None)
+    first = estimator.step({7: segment(cloud, 1)}, 0.1, None)[7]
+    assert first.status is EstimateStatus.NEW_TRACK
+    np.testing.assert_allclose(first.position, 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))[:2])
+
+
+@pytest.mark.parametrize("name", ["centroid-kf", "icp"])
+def test_nan_points_and_time_that_stands_still_are_errors_for_every_estimator(name):
+    estimator = create_estimator(name)
+    cloud = car_cloud()
+    estimator.step({7: segment(cloud, 1)}, 0.1, None)
+    with pytest.raises(InputError, match=r"track 7, frame 2: expected finite points"):
+        estimator.step({7: segment(np.where(cloud > 1.3, np.nan, cloud), 2)}, 0.2, None)
+    with pytest.raises(InputError, match=r"track 7, frame 2: expected a time after 0.1 s, got 0.1 s"):
+        estimator.step({7: segment(cloud, 2)}, 0.1, None)

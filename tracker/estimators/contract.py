@@ -9,6 +9,7 @@ import numpy as np
 
 from registration import se3
 from registration.types import Point, Points, Transform
+from tracker.errors import InputError
 from tracker.smoothing import ACCELERATION_VARIANCE, Smoothing
 from tracker.types import (
     SENSOR,
@@ -66,6 +67,7 @@ class Sighting:
             centroid wanders with the density of the points.
         timestamp: [s].
         range_m: horizontal distance of the midpoint from the sensor [m].
+        sensor: where the sensor is, horizontally (x, y), in the axes of the points [m].
     """
 
     points: Points
@@ -73,6 +75,7 @@ class Sighting:
     midpoint: Point
     timestamp: float
     range_m: float
+    sensor: Vector2
 
 
 def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
@@ -83,13 +86,14 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
     ground_z = float(se3.transform(T, ground_lidar[None])[0, 2])
     points = se3.transform(T, segment.points_lidar) - [0.0, 0.0, ground_z]
     midpoint = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    sensor_xy = T[:2, 3]
+    sensor = T[:2, 3].copy()
     return Sighting(
         points=points,
         centroid=points.mean(axis=0),
         midpoint=midpoint,
         timestamp=segment.timestamp,
-        range_m=float(np.hypot(*(midpoint[:2] - sensor_xy))),
+        range_m=float(np.hypot(*(midpoint[:2] - sensor))),
+        sensor=sensor,
     )
 
 
@@ -136,7 +140,12 @@ class FrameEstimator(ABC):
     def step(
         self, segments: Mapping[int, Segment], timestamp: float, T_world_lidar: Transform | None
     ) -> dict[int, VelocityEstimate]:
-        """Take all objects of a frame; see `Estimator.step`."""
+        """Take all objects of a frame; see `Estimator.step`.
+
+        Raises:
+            InputError: a point is NaN or infinite, or time does not advance.
+        """
+        self._check(segments, timestamp)
         frame_name = SENSOR if T_world_lidar is None else WORLD
         for track_id, last in list(self._last.items()):
             if track_id not in segments or last.frame_name != frame_name:
@@ -152,13 +161,24 @@ class FrameEstimator(ABC):
         for track_id, segment in segments.items():
             if track_id in measured:
                 found = measured[track_id]
-            elif track_id in self._last:
+            elif track_id in self._last and track_id not in sightings:
                 found = _hold(self._last[track_id], timestamp)
             else:
                 found = _new_track(sightings.get(track_id))
             estimates[track_id] = _estimate(segment, sightings.get(track_id), found, frame_name, timestamp)
         self._last = estimates
         return estimates
+
+    def _check(self, segments: Mapping[int, Segment], timestamp: float) -> None:
+        for track_id, segment in segments.items():
+            if not np.isfinite(segment.points_lidar).all():
+                raise InputError(
+                    f"track {track_id}, frame {segment.frame}: expected finite points, got NaN or infinity"
+                )
+            last = self._last.get(track_id)
+            if last is not None and not timestamp > last.timestamp:
+                what = f"expected a time after {last.timestamp:g} s, got {timestamp:g} s"
+                raise InputError(f"track {track_id}, frame {segment.frame}: {what}")
 
     def smooth(self, tracklet: Tracklet) -> list[VelocityEstimate]:
         """Run over the tracklet as if it were live, then smooth; the estimator's own tracks stay as they are."""

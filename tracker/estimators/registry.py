@@ -1,12 +1,14 @@
 """Names to estimators: the centroid filter, and every registration method by its own name."""
 
 import registration
+from registration.registry import load_class
 from tracker.errors import InputError, UnknownEstimatorError
 from tracker.estimators.centroid_kalman import CentroidKalman
 from tracker.estimators.contract import Estimator
 from tracker.estimators.registration import RegistrationEstimator
 from tracker.smoothing import RauchTungStriebel, Smoothing, WindowMean
 
+ADH = ("adh-2d", "adh-3d", "adh-3d-tuned")  # registration methods whose estimator is a filter of its own
 CAUSAL = "causal"
 SMOOTHINGS = (CAUSAL, "window", "rts")
 
@@ -31,6 +33,10 @@ def create_estimator(name: str, smoothing: Smoothing | None = None) -> Estimator
         return CentroidKalman(smoothing)
     if name not in registration.names():
         raise UnknownEstimatorError(name, estimator_names())
+    if name in ADH:
+        from tracker.estimators.adh import AdhEstimator  # here: it loads numba
+
+        return AdhEstimator(load_class(name)(), smoothing)
     return RegistrationEstimator(registration.create(name), smoothing)
 
 

@@ -1,0 +1,470 @@
+"""The compiled loops behind `neighbours` and the ICP methods: sort into cells, search, iterate.
+
+They share one file because numba's cache looks only at the file of the function it was asked for: a search that
+lived elsewhere could change without the loops that contain it being compiled anew.  They take arrays one by one,
+which makes many arguments (PLR0913): numba counts references of arrays that come in tuples, again and again.
+
+ICP looks for the nearest target point of every source point again and again, each time almost where it was.  So
+each source point keeps a list of the few target points around it and how far away everything else is, and the
+grid is asked again only when the point has moved so far that another target point could be nearer.  The answer
+stays exact.  Source of the idea: Verlet, "Computer experiments on classical fluids", Phys. Rev. 159, 1967.
+"""
+
+import typing
+
+import numpy as np
+from numba import njit
+
+LARGEST_EXTENT = 1e12  # [m]; beyond it, and where numbers overflow, one cell holds everything
+ROUNDING = 1e-6  # a search reaches this share of a cell farther, so that rounding hides no cell
+CLOSE = 1e-9  # lists are given up this much before they have to be [m]
+LINE = 0.01  # neighbours lie on a line whose second scatter is less than this share of the first
+UPRIGHT = 0.5  # a plane tells of horizontal motion when its normal's horizontal part is longer than this
+LARGEST_TURN = 0.2  # of one update [rad]
+LISTED = 4  # target points that a source point remembers
+
+# Lines of `memory`, which has a column for every source point: where the point was at first; where the target points
+# on its list are, and their squared distance in z; where it was when it asked the grid, and how far away then
+# everything was that is not on its list; where it is now; its squared distance to the nearest target point, which
+# one on the list that is, and how much farther off all others must be (below 0: the grid must be asked).
+X, Y, Z = range(3)
+LIST_X, LIST_Y, LIST_DZ2 = 3, 3 + LISTED, 3 + 2 * LISTED
+X_THEN, Y_THEN, BEYOND, X_NOW, Y_NOW, DISTANCE2, NEAREST, SAFE = range(3 + 3 * LISTED, 11 + 3 * LISTED)
+LINES = 11 + 3 * LISTED
+
+# How an alignment ended, as the kernels number it.
+CONVERGED, NOT_CONVERGED, NO_OVERLAP, TOO_FEW_POINTS, EMPTY = range(5)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def center(points):
+    """Move a non-empty cloud to its mean, in place; give the mean."""
+    mean = np.zeros(3)
+    for axis in range(3):
+        origin = points[0, axis]  # sums of small numbers keep their digits where coordinates are kilometres
+        for i in range(len(points)):
+            mean[axis] += points[i, axis] - origin
+        mean[axis] = origin + mean[axis] / len(points)
+        for i in range(len(points)):
+            points[i, axis] -= mean[axis]
+    return mean
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def sort_into_cells(points, cell, max_cells):
+    """Choose the cells and sort a cloud into them: (sorted points, their rows, `first`, `frame`).
+
+    Cells are cubes of side `cell` [m], or larger ones where those would be more than `max_cells`.
+    """
+    frame = _lay_out(points, cell, max_cells)
+    n_x, n_y, n_z = int(frame[4]), int(frame[5]), int(frame[6])
+    first = np.zeros(n_x * n_y * n_z + 1, np.int32)
+    numbers = np.empty(len(points), np.int32)
+    for i in range(len(points)):
+        x = _cell((points[i, 0] - frame[0]) / frame[3], n_x)
+        y = _cell((points[i, 1] - frame[1]) / frame[3], n_y)
+        numbers[i] = (x * n_y + y) * n_z + _cell((points[i, 2] - frame[2]) / frame[3], n_z)
+        first[numbers[i] + 1] += 1
+    for number in range(1, len(first)):
+        first[number] += first[number - 1]
+    taken = first[:-1].copy()
+    in_order, order = np.empty((len(points), 3)), np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        place = taken[numbers[i]]
+        order[place] = i
+        in_order[place, 0], in_order[place, 1], in_order[place, 2] = points[i, 0], points[i, 1], points[i, 2]
+        taken[numbers[i]] += 1
+    return in_order, order, first, frame
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _lay_out(points, cell, max_cells):
+    frame = np.ones(7)
+    frame[:3] = 0.0
+    frame[3] = cell
+    if len(points) == 0:
+        return frame
+    extent = np.zeros(3)
+    for axis in range(3):
+        low = high = points[0, axis]
+        for i in range(len(points)):
+            low, high = min(low, points[i, axis]), max(high, points[i, axis])
+        frame[axis], extent[axis] = low, high - low
+    if not extent.max() < LARGEST_EXTENT:
+        return frame
+    while True:
+        for axis in range(3):
+            frame[4 + axis] = np.floor(extent[axis] / frame[3]) + 1.0
+        if frame[4] * frame[5] * frame[6] <= max_cells:
+            return frame
+        frame[3] *= 1.25
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _cell(position, n_cells):
+    """Give the number of the cell at a position counted in cells; positions outside go to the border."""
+    if not position > 0.0:  # NaN too
+        return 0
+    return int(position) if position < n_cells else n_cells - 1
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def nearest_points(  # noqa: PLR0913
+    begin, end, queries, queries_begin, points, points_begin, first, first_begin, frames, rows, distances2
+):
+    """Fill in the nearest points of each query of clouds `begin` to `end` of a batch (see `point_to_point`).
+
+    As many a query as `rows` has columns, nearest first, closer than what `distances2` holds; row -1 for no point.
+    """
+    for n in range(begin, end):
+        target, target_first = points[points_begin[n] : points_begin[n + 1]], first[first_begin[n] : first_begin[n + 1]]
+        for i in range(queries_begin[n], queries_begin[n + 1]):
+            search(target, target_first, frames[n], queries[i, 0], queries[i, 1], queries[i, 2], rows[i], distances2[i])
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def search(points, first, frame, x, y, z, rows, distances2):  # noqa: PLR0913
+    """Find the nearest points, as many as `rows` holds, that are closer than what `distances2` holds."""
+    last = len(rows) - 1
+    farthest2 = distances2[last]
+    n_x, n_y, n_z = int(frame[4]), int(frame[5]), int(frame[6])
+    scale = 1.0 / frame[3]
+    reach = np.sqrt(farthest2) * scale + ROUNDING
+    u, v, w = (x - frame[0]) * scale, (y - frame[1]) * scale, (z - frame[2]) * scale
+    y_low, y_high = _cell(v - reach, n_y), _cell(v + reach, n_y)
+    z_low, z_high = _cell(w - reach, n_z), _cell(w + reach, n_z)
+    for i in range(_cell(u - reach, n_x), _cell(u + reach, n_x) + 1):
+        for j in range(y_low, y_high + 1):
+            column = (i * n_y + j) * n_z
+            for row in range(first[column + z_low], first[column + z_high + 1]):
+                distance2 = (points[row, 0] - x) ** 2 + (points[row, 1] - y) ** 2 + (points[row, 2] - z) ** 2
+                if distance2 < farthest2:
+                    place = last
+                    while place > 0 and distances2[place - 1] > distance2:
+                        distances2[place], rows[place] = distances2[place - 1], rows[place - 1]
+                        place -= 1
+                    distances2[place], rows[place] = distance2, row
+                    farthest2 = distances2[last]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def nothing_paired(source):
+    """Make the memory of `pair_up` (see the constants), and the rows of the listed target points (LISTED, n)."""
+    memory = np.full((LINES, len(source)), np.inf)
+    for i in range(len(source)):
+        memory[X, i], memory[Y, i], memory[Z, i] = source[i, 0], source[i, 1], source[i, 2]
+        memory[X_THEN, i], memory[Y_THEN, i], memory[BEYOND, i] = 0.0, 0.0, -1.0  # so that all ask the grid first
+    return memory, np.full((LISTED, len(source)), -1)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def pair_up(points, first, frame, motion, within, memory, rows):  # noqa: PLR0913
+    """Move the source by (x, y, yaw) about its origin and find each point's nearest target point within reach.
+
+    The pairs are in `memory` and `rows`.  Gives their number and the RMS distance of their points [m].
+    """
+    ask_lists(motion, within, memory)
+    found, distances2 = np.full(LISTED + 1, -1), np.zeros(LISTED + 1)
+    n_pairs, squares = 0, 0.0
+    for i in range(memory.shape[1]):
+        if memory[SAFE, i] < 0.0:
+            x, y, z = memory[X_NOW, i], memory[Y_NOW, i], memory[Z, i]
+            look_around(points, first, frame, x, y, z, 1.5 * within, found, distances2)
+            for k in range(LISTED):
+                row = found[k]
+                rows[k, i] = row
+                memory[LIST_X + k, i] = points[row, 0] if row >= 0 else np.inf
+                memory[LIST_Y + k, i] = points[row, 1] if row >= 0 else np.inf
+                memory[LIST_DZ2 + k, i] = (points[row, 2] - z) ** 2 if row >= 0 else np.inf
+            memory[X_THEN, i], memory[Y_THEN, i] = x, y
+            memory[BEYOND, i] = np.sqrt(distances2[LISTED]) - CLOSE
+            memory[DISTANCE2, i] = distances2[0] if found[0] >= 0 else np.inf
+            memory[NEAREST, i] = 0.0
+        distance2 = memory[DISTANCE2, i]
+        n_pairs += 1 if distance2 < within**2 else 0
+        squares += distance2 if distance2 < within**2 else 0.0
+    return n_pairs, np.sqrt(squares / n_pairs) if n_pairs else np.nan
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def ask_lists(motion, within, memory):
+    """Move all source points and find the nearest of the target points that each has on its list."""
+    c, s, x_shift, y_shift = np.cos(motion[2]), np.sin(motion[2]), motion[0], motion[1]
+    for i in range(memory.shape[1]):  # free of branches, so that the compiler does eight points at once
+        x = c * memory[X, i] - s * memory[Y, i] + x_shift
+        y = s * memory[X, i] + c * memory[Y, i] + y_shift
+        nearest2, nearest = np.inf, 0.0
+        for k in range(LISTED):
+            distance2 = (memory[LIST_X + k, i] - x) ** 2 + (memory[LIST_Y + k, i] - y) ** 2 + memory[LIST_DZ2 + k, i]
+            is_nearer = distance2 < nearest2
+            nearest2 = distance2 if is_nearer else nearest2
+            nearest = float(k) if is_nearer else nearest
+        moved = np.sqrt((x - memory[X_THEN, i]) ** 2 + (y - memory[Y_THEN, i]) ** 2)
+        matters2 = nearest2 if nearest2 < within**2 else within**2
+        memory[X_NOW, i], memory[Y_NOW, i] = x, y
+        memory[DISTANCE2, i], memory[NEAREST, i] = nearest2, nearest
+        memory[SAFE, i] = memory[BEYOND, i] - moved - np.sqrt(matters2)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def look_around(points, first, frame, x, y, z, reach, found, distances2):  # noqa: PLR0913
+    """Fill `found` with the nearest points; those of the place before, still in it, tell how far to look at most."""
+    farthest2 = reach**2
+    if found[-1] >= 0:
+        known2 = 0.0
+        for row in found:
+            known2 = max(known2, (points[row, 0] - x) ** 2 + (points[row, 1] - y) ** 2 + (points[row, 2] - z) ** 2)
+        farthest2 = min(farthest2, known2 * (1.0 + 1e-9) + CLOSE**2)
+    for k in range(len(found)):
+        found[k], distances2[k] = -1, farthest2
+    search(points, first, frame, x, y, z, found, distances2)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def point_to_point(  # noqa: PLR0913
+    begin, end, sources, source_begin, points, points_begin, first, first_begin, frames, limits, motions, outcomes
+):
+    """Align pairs `begin` to `end` of a batch by pairing nearest points.
+
+    Sources and targets (`points`, `first`, `frames`: see `neighbours.Grid`) lie one after the other; pair k's begin at
+    `..._begin[k]`.  `limits`: (max_distance [m], max_iterations, tolerance, min_points).
+    `motions[k]` goes in as the start and comes out as (x, y, yaw) about the source's origin; `outcomes[k]`
+    becomes (how it ended, number of pairs, RMSE [m], number of iterations).
+    """
+    for k in range(begin, end):
+        source = sources[source_begin[k] : source_begin[k + 1]]
+        target = points[points_begin[k] : points_begin[k + 1]]
+        target_first = first[first_begin[k] : first_begin[k + 1]]
+        outcomes[k, 0], outcomes[k, 1], outcomes[k, 2], outcomes[k, 3] = _align_points(
+            source, target, target_first, frames[k], limits, motions[k]
+        )
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _align_points(source, points, first, frame, limits, motion):
+    max_distance, max_iterations, tolerance, min_points = limits
+    fewest = min(len(source), len(points))
+    if fewest == 0 or fewest < min_points:
+        return EMPTY if fewest == 0 else TOO_FEW_POINTS, 0, np.nan, 0
+    memory, rows = nothing_paired(source)
+    n_pairs, rmse = pair_up(points, first, frame, motion, max_distance, memory, rows)
+    for iteration in range(1, max_iterations + 1):
+        if n_pairs < min_points:
+            return NO_OVERLAP, 0, np.nan, iteration - 1
+        _add_best_motion(max_distance, memory, motion)
+        n_before, rmse_before = n_pairs, rmse
+        n_pairs, rmse = pair_up(points, first, frame, motion, max_distance, memory, rows)
+        if abs(n_pairs - n_before) < tolerance * len(source) and abs(rmse - rmse_before) < tolerance:
+            return CONVERGED, n_pairs, rmse, iteration
+    return NOT_CONVERGED, n_pairs, rmse, max_iterations
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _add_best_motion(within, memory, motion):
+    """Let the motion that brings the pairs closest together (`planar.align_pairs`) follow `motion`."""
+    n, x_sum, y_sum, p_sum, q_sum, cross, dot = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(memory.shape[1]):
+        k = int(memory[NEAREST, i])
+        is_paired = memory[DISTANCE2, i] < within**2
+        x, y = memory[X_NOW, i] if is_paired else 0.0, memory[Y_NOW, i] if is_paired else 0.0
+        p, q = memory[LIST_X + k, i] if is_paired else 0.0, memory[LIST_Y + k, i] if is_paired else 0.0
+        n += 1.0 if is_paired else 0.0
+        x_sum, y_sum, p_sum, q_sum = x_sum + x, y_sum + y, p_sum + p, q_sum + q
+        cross += x * q - y * p
+        dot += x * p + y * q
+    cross -= (x_sum * q_sum - y_sum * p_sum) / n
+    dot -= (x_sum * p_sum + y_sum * q_sum) / n
+    yaw = np.arctan2(cross, dot) if cross != 0.0 or dot != 0.0 else 0.0
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = motion[0] - x_sum / n, motion[1] - y_sum / n
+    motion[0] = c * x - s * y + p_sum / n
+    motion[1] = s * x + c * y + q_sum / n
+    motion[2] = motion[2] + yaw
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def estimate_normals(points, first, frame, radius, n_neighbours):
+    """Fit a plane to the neighbourhood of every point; give unit normals (n, 3), zero where there is none to fit.
+
+    Neighbourhood: the `n_neighbours` nearest points, itself among them, within `radius` [m].  Neighbours on a line,
+    as those of a single scan ring, leave the plane open: an upright one is taken then.
+    """
+    normals = np.zeros((len(points), 3))
+    rows, distances2 = np.full(n_neighbours, -1), np.empty(n_neighbours)
+    scatter = np.empty((3, 3))
+    for i in range(len(points)):
+        look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, rows, distances2)
+        _scatter(points, rows, scatter)
+        normals[i, 0], normals[i, 1], normals[i, 2] = _normal(scatter)
+    return normals
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _scatter(points, rows, scatter):
+    """Sum the products of coordinates about the mean of some rows, those of -1 left out."""
+    n, mean = 0, np.zeros(3)
+    for row in rows:
+        if row >= 0:
+            n += 1
+            for a in range(3):
+                mean[a] += points[row, a]
+    scatter[:] = 0.0
+    for row in rows:
+        if row >= 0:
+            for a in range(3):
+                for b in range(3):
+                    scatter[a, b] += (points[row, a] - mean[a] / n) * (points[row, b] - mean[b] / n)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _normal(scatter):
+    smallest, middle, largest = _eigenvalues(scatter)
+    if not largest > 0.0:
+        return 0.0, 0.0, 0.0
+    if middle > LINE * largest:
+        return _eigenvector(scatter, smallest)
+    x, y, _ = _eigenvector(scatter, largest)
+    length = np.hypot(x, y)
+    if length < UPRIGHT:
+        return 0.0, 0.0, 0.0
+    return -y / length, x / length, 0.0
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _eigenvalues(A):
+    """Give the eigenvalues of a symmetric 3x3 matrix, ascending.
+
+    Source: Smith, "Eigenvalues of a symmetric 3x3 matrix", Comm. ACM 4(4), 1961.
+    """
+    off2 = A[0, 1] ** 2 + A[0, 2] ** 2 + A[1, 2] ** 2
+    mean = (A[0, 0] + A[1, 1] + A[2, 2]) / 3.0
+    a, b, c = A[0, 0] - mean, A[1, 1] - mean, A[2, 2] - mean
+    p = np.sqrt((a * a + b * b + c * c + 2.0 * off2) / 6.0)
+    if not p > 0.0:
+        return mean, mean, mean
+    determinant = (
+        a * (b * c - A[1, 2] ** 2)
+        - A[0, 1] * (A[0, 1] * c - A[1, 2] * A[0, 2])
+        + A[0, 2] * (A[0, 1] * A[1, 2] - b * A[0, 2])
+    )
+    angle = np.arccos(min(1.0, max(-1.0, determinant / (2.0 * p**3)))) / 3.0
+    largest = mean + 2.0 * p * np.cos(angle)
+    smallest = mean + 2.0 * p * np.cos(angle + 2.0 * np.pi / 3.0)
+    return smallest, 3.0 * mean - largest - smallest, largest
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _eigenvector(A, value):
+    """Give the unit eigenvector of a symmetric 3x3 matrix for one of its single eigenvalues; zero for others.
+
+    It is at right angles to the rows of A - value I: the longest of their cross products is the surest.
+    """
+    a, b, c = A[0, 0] - value, A[1, 1] - value, A[2, 2] - value
+    d, e, f = A[0, 1], A[0, 2], A[1, 2]
+    best, longest2 = (0.0, 0.0, 0.0), 0.0
+    for x, y, z in (
+        (d * f - e * b, e * d - a * f, a * b - d * d),
+        (d * c - e * f, e * e - a * c, a * f - d * e),
+        (b * c - f * f, f * e - d * c, d * f - b * e),
+    ):
+        length2 = x * x + y * y + z * z
+        if length2 > longest2:
+            best, longest2 = (x, y, z), length2
+    length = np.sqrt(longest2) if longest2 > 0.0 else 1.0
+    return best[0] / length, best[1] / length, best[2] / length
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def point_to_plane(  # noqa: PLR0913
+    begin, end, sources, source_begin, points, points_begin, first, first_begin, frames, normals, limits, beliefs,
+    motions, outcomes, informations
+):  # fmt: skip
+    """Align pairs `begin` to `end` of a batch by bringing points onto their neighbours' planes.
+
+    As `point_to_point`, and: `normals` of the targets' points; `limits`: (max_distance [m], max_iterations, tolerance
+    [m and rad], min_points, noise [m], robust_scale [m], independent pairs); `beliefs[k]`: inverse covariance of the
+    start; `informations[k]` becomes what the planes alone say of the motion: an inverse covariance too.
+    """
+    for k in range(begin, end):
+        source = sources[source_begin[k] : source_begin[k + 1]]
+        a, b = points_begin[k], points_begin[k + 1]
+        target_first = first[first_begin[k] : first_begin[k + 1]]
+        outcomes[k, 0], outcomes[k, 1], outcomes[k, 2], outcomes[k, 3] = _align_planes(
+            source, points[a:b], target_first, frames[k], normals[a:b], limits, beliefs[k], motions[k], informations[k]
+        )
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _align_planes(source, points, first, frame, normals, limits, belief, motion, information):  # noqa: PLR0913
+    max_distance, max_iterations, tolerance, min_points, noise, robust_scale, independent = limits
+    fewest = min(len(source), len(points))
+    if fewest == 0 or fewest < min_points:
+        return EMPTY if fewest == 0 else TOO_FEW_POINTS, 0, np.nan, 0
+    memory, rows = nothing_paired(source)
+    start, gradient = motion.copy(), np.zeros(3)
+    n_pairs, rmse = 0, np.nan
+    for iteration in range(1, max_iterations + 1):
+        n_pairs, rmse = pair_up(points, first, frame, motion, max_distance, memory, rows)
+        if n_pairs < min_points:
+            return NO_OVERLAP, 0, np.nan, iteration - 1
+        n_planes = _compare_with_planes(
+            points, normals, motion, max_distance, robust_scale, memory, rows, information, gradient
+        )
+        weight = min(1.0, independent / max(n_planes, 1)) / noise**2
+        information *= weight
+        step = np.linalg.solve(information + belief, -weight * gradient - belief @ (motion - start))
+        longest = max(np.hypot(step[0], step[1]) / max_distance, abs(step[2]) / LARGEST_TURN, 1.0)
+        motion += step / longest
+        if np.hypot(step[0], step[1]) < tolerance and abs(step[2]) < tolerance:
+            return CONVERGED, n_pairs, rmse, iteration
+    return NOT_CONVERGED, n_pairs, rmse, max_iterations
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _compare_with_planes(points, normals, motion, within, robust_scale, memory, rows, information, gradient):  # noqa: PLR0913
+    """Set up J'WJ and J'Wr of the distances r to the partners' planes; give the number of planes that tell something.
+
+    r = n (R s + t - q), J = (n_x, n_y, n_y a_x - n_x a_y) with the arm a = R s; the weight of a pair is Geman &
+    McClure's, 1 / (1 + (r / robust_scale)^2)^2.  Planes that lie flat say nothing of x, y and yaw.
+    """
+    information[:] = 0.0
+    gradient[:] = 0.0
+    J, n_planes = np.zeros(3), 0
+    for i in range(memory.shape[1]):
+        row = rows[int(memory[NEAREST, i]), i]
+        if not memory[DISTANCE2, i] < within**2:
+            continue
+        n_x, n_y, n_z = normals[row, 0], normals[row, 1], normals[row, 2]
+        if n_x**2 + n_y**2 < UPRIGHT**2:
+            continue
+        n_planes += 1
+        x, y = memory[X_NOW, i], memory[Y_NOW, i]
+        r = n_x * (x - points[row, 0]) + n_y * (y - points[row, 1]) + n_z * (memory[Z, i] - points[row, 2])
+        weight = 1.0 / (1.0 + (r / robust_scale) ** 2) ** 2
+        J[0], J[1], J[2] = n_x, n_y, n_y * (x - motion[0]) - n_x * (y - motion[1])
+        for a in range(3):
+            gradient[a] += weight * J[a] * r
+            for b in range(3):
+                information[a, b] += weight * J[a] * J[b]
+    return n_planes
