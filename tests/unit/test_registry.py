@@ -72,3 +72,11 @@ def test_nobody_may_take_one_of_our_names(monkeypatch):
     announce(monkeypatch, icp="thief.place:Mine")
     with pytest.raises(DuplicateMethodError, match="regmot's own, and claimed by .*thief.place:Mine"):
         registration.create("icp")
+
+
+def test_a_plug_in_that_breaks_in_its_own_way_is_still_just_broken(monkeypatch, tmp_path):
+    (tmp_path / "stormy.py").write_text("raise RuntimeError('CUDA driver not found')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    announce(monkeypatch, stormy="stormy:Mine")
+    with pytest.raises(BrokenMethodError, match="cannot be imported: CUDA driver not found"):
+        registration.create("stormy")
