@@ -1,7 +1,7 @@
 """How long things take: ours and the plain way side by side, in one run, as medians and ratios."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
 from time import perf_counter
@@ -17,7 +17,11 @@ from registration.types import Points
 from tracker.boxes import points_in_boxes
 from tracker.types import Box
 
-N_POINTS, N_BOXES = 120_000, 20
+N_POINTS, N_BOXES = 120_000, 20  # of the frame that segments are cut from
+
+METHODS = ("icp", "plane-icp")
+POINTS, N_PAIRS = (50, 200, 1000, 4000), 8  # how time grows with the points of a segment, ...
+PAIRS, FEW_POINTS = (1, 4, 32), 200  # ... and with the pairs of a frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,40 +49,55 @@ def side_by_side(
 
 
 def benchmark(seed: int = 0) -> list[Timing]:
-    """Time cutting segments against a loop over boxes, and `icp` against Open3D's where that is installed.
-
-    Every pair of contestants must agree first: a fast wrong answer is no time at all.
-    """
+    """Time cutting segments against a loop over boxes, and the ICP methods against Open3D's where that is installed."""
     rng = np.random.default_rng(seed)
+    timings = [_cutting(rng)]
+    try:
+        open3d = load_open3d("the comparison with Open3D's ICP")
+    except MissingLibraryError:
+        return timings
+    for name in METHODS:
+        for n_points in POINTS:
+            timings.append(_aligning(name, n_points, N_PAIRS, open3d, rng))
+        for n_pairs in PAIRS:
+            timings.append(_aligning(name, FEW_POINTS, n_pairs, open3d, rng))
+    return timings
+
+
+def _cutting(rng: np.random.Generator) -> Timing:
+    """Time cutting segments; both ways must agree first: a fast wrong answer is no time at all."""
     points, boxes = crowded_frame(rng)
     if any(
         not np.array_equal(a, b) for a, b in zip(points_in_boxes(points, boxes), one_by_one(points, boxes), strict=True)
     ):
         raise AssertionError("cutting segments disagrees with the loop over boxes")
-    timings = [
-        side_by_side(
-            f"cut {N_BOXES} segments from {N_POINTS} points",
-            "NumPy, box by box",
-            lambda: points_in_boxes(points, boxes),
-            lambda: one_by_one(points, boxes),
-        )
-    ]
-    try:
-        open3d = load_open3d("the comparison with Open3D's ICP")
-    except MissingLibraryError:
-        return timings
-    icp = registration.create("icp")
-    for n in (50, 200, 1000):
-        source, target = _pair(rng, n), _pair(rng, n) + [0.05, 0.02, 0.0]
-        timings.append(
-            side_by_side(
-                f"icp, {n} points",
-                "Open3D point-to-point ICP",
-                partial(icp.register, source, target),
-                partial(_open3d_icp, open3d, source, target),
-            )
-        )
-    return timings
+    return side_by_side(
+        f"cut {N_BOXES} segments from {N_POINTS} points",
+        "NumPy, box by box",
+        partial(points_in_boxes, points, boxes),
+        partial(one_by_one, points, boxes),
+    )
+
+
+def _aligning(name: str, n_points: int, n_pairs: int, open3d: ModuleType, rng: np.random.Generator) -> Timing:
+    """Time a method on a frame of pairs, in ms a pair, against Open3D's point-to-point ICP called pair by pair.
+
+    In a tracker each segment is prepared once and aligned twice: as many segments are prepared as pairs aligned.
+    """
+    method = registration.create(name)
+    sources = [_pair(rng, n_points) for _ in range(n_pairs)]
+    targets = [_pair(rng, n_points) + [0.05, 0.02, 0.0] for _ in range(n_pairs)]
+    prepared = method.prepare(sources)
+
+    def ours() -> object:
+        return method.align(list(zip(prepared, method.prepare(targets), strict=True)))
+
+    def peer() -> object:
+        return [_open3d_icp(open3d, *pair) for pair in zip(sources, targets, strict=True)]
+
+    what = f"{name}, {n_points} points, {n_pairs} {'pair' if n_pairs == 1 else 'pairs'} a call: a pair"
+    timing = side_by_side(what, "Open3D point-to-point ICP", ours, peer, repeats=9)
+    return replace(timing, ours_ms=timing.ours_ms / n_pairs, peer_ms=timing.peer_ms / n_pairs)
 
 
 def crowded_frame(rng: np.random.Generator) -> tuple[Points, list[Box]]:
