@@ -156,12 +156,12 @@ def search(points, first, frame, x, y, z, rows, distances2):  # noqa: PLR0913
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def nothing_paired(source):
-    """Make the memory of `pair_up` (see the constants), and the rows of the listed target points (LISTED, n)."""
+    """Make the memory of `pair_up` (see the constants), and the rows of the target points nearest to each (LISTED + 1, n)."""
     memory = np.full((LINES, len(source)), np.inf)
     for i in range(len(source)):
         memory[X, i], memory[Y, i], memory[Z, i] = source[i, 0], source[i, 1], source[i, 2]
         memory[X_THEN, i], memory[Y_THEN, i], memory[BEYOND, i] = 0.0, 0.0, -1.0  # so that all ask the grid first
-    return memory, np.full((LISTED, len(source)), -1)
+    return memory, np.full((LISTED + 1, len(source)), -1)
 
 
 @njit(cache=True, nogil=True)
@@ -177,10 +177,12 @@ def pair_up(points, first, frame, motion, within, memory, rows):  # noqa: PLR091
     for i in range(memory.shape[1]):
         if memory[SAFE, i] < 0.0:
             x, y, z = memory[X_NOW, i], memory[Y_NOW, i], memory[Z, i]
+            if rows[LISTED, i] >= 0:
+                found[:] = rows[:, i]
             look_around(points, first, frame, x, y, z, 1.5 * within, found, distances2)
+            rows[:, i] = found
             for k in range(LISTED):
                 row = found[k]
-                rows[k, i] = row
                 memory[LIST_X + k, i] = points[row, 0] if row >= 0 else np.inf
                 memory[LIST_Y + k, i] = points[row, 1] if row >= 0 else np.inf
                 memory[LIST_DZ2 + k, i] = (points[row, 2] - z) ** 2 if row >= 0 else np.inf

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from registration import planar, se3, uncertainty
+from registration import planar, uncertainty
 from registration.belief import Belief, believe
 from registration.libraries import load_small_gicp
 from registration.method import PairMethod, nothing_known
@@ -35,11 +35,14 @@ class Cloud:
     """A cloud with what every alignment of it needs; no tree and no surfaces where there are too few points.
 
     Attributes:
+        points: as they came [m].
+        offsets: the points relative to the centroid: small numbers, wherever on earth the cloud is [m].
         covariances: small_gicp's surface about each point: variance 1e-3 across it, 1 along it (no unit: relative).
-        tree: a small_gicp.KdTree.
+        tree: a small_gicp.KdTree of the offsets.
     """
 
     points: Points
+    offsets: Points
     centroid: Point
     covariances: Covariances
     tree: Any
@@ -95,13 +98,14 @@ class GeneralizedICP(PairMethod):
     def prepare_cloud(self, points: Points) -> Cloud:
         """Build the search tree and estimate the surface about each point."""
         centroid = points.mean(axis=0) if len(points) else np.zeros(3)
+        offsets = points - centroid
         if len(points) < self.min_points:
-            return Cloud(points, centroid, np.empty((0, 3, 3)), None)
+            return Cloud(points, offsets, centroid, np.empty((0, 3, 3)), None)
         small_gicp = load_small_gicp(self.name)
-        cloud = small_gicp.PointCloud(points)
+        cloud = small_gicp.PointCloud(offsets)
         tree = small_gicp.KdTree(cloud)
         small_gicp.estimate_covariances(cloud, tree, self.n_neighbours)
-        return Cloud(points, centroid, np.array(cloud.covs())[:, :3, :3], tree)
+        return Cloud(points, offsets, centroid, np.array(cloud.covs())[:, :3, :3], tree)
 
     def align_pair(self, source: Cloud, target: Cloud, prior: MotionPrior | None) -> RegistrationResult:
         """Iterate from the belief to the nearest minimum."""
@@ -135,7 +139,8 @@ class GeneralizedICP(PairMethod):
 
     def _pair(self, T: Transform, source: Cloud, target: Cloud) -> Pairing:
         """Find each source point's nearest target point within `max_distance`."""
-        nearest, squared = target.tree.batch_knn_search(se3.transform(T, source.points), 1)
+        moved = source.offsets @ T[:3, :3].T + _between(T, source, target)
+        nearest, squared = target.tree.batch_knn_search(moved, 1)
         paired = np.flatnonzero(squared[:, 0] < self.max_distance**2)
         rmse = float(np.sqrt(squared[paired, 0].mean())) if len(paired) else float("nan")
         return Pairing(paired, nearest[paired, 0].astype(np.int64), rmse)
@@ -145,8 +150,8 @@ class GeneralizedICP(PairMethod):
     ) -> tuple[Information, Update]:
         """Sum up what each pair says of the next update: Segal et al., eq. 2, linearised at T, with Cauchy's weight."""
         R = T[:3, :3]
-        arm = source.points[pairing.source] @ R.T - R @ source.centroid
-        off = target.points[pairing.target] - (arm + se3.transform(T, source.centroid[None])[0])
+        arm = source.offsets[pairing.source] @ R.T
+        off = target.offsets[pairing.target] - arm - _between(T, source, target)
         W = _inverse(target.covariances[pairing.target] + _turn(source.covariances[pairing.source], R))
         Woff = np.einsum("nij,nj->ni", W, off)
         weight = 1.0 / (1.0 + (off * Woff).sum(axis=1) / self.robust_scale**2)
@@ -160,6 +165,11 @@ class GeneralizedICP(PairMethod):
         b[_SHIFT] = weight @ Woff
         b[2] = weight @ (turning * Woff).sum(axis=1)
         return H, b
+
+
+def _between(T: Transform, source: Cloud, target: Cloud) -> Point:
+    """Give the moved source centroid relative to the target's."""
+    return T[:3, :3] @ source.centroid + T[:3, 3] - target.centroid
 
 
 def _normal_equations_of_belief(T: Transform, belief: Belief) -> tuple[Information, Update]:

@@ -1,0 +1,182 @@
+"""Point-to-plane ICP: what it finds, what it leaves to the start, and how it says that it knows little."""
+
+import numpy as np
+import pytest
+
+import registration
+from registration import icp_kernels, planar, se3
+from registration.neighbours import build_grid
+from registration.types import MotionPrior, Status
+
+PLACE = np.array([12.0, 5.0, 0.0])
+
+
+def l_shape(n, seed=0, noise=0.01):
+    """Sample the long side and the rear of a car."""
+    rng = np.random.default_rng(seed)
+    on_side = rng.random(n) < 0.7
+    x = np.where(on_side, rng.uniform(-2.0, 2.0, n), -2.0)
+    y = np.where(on_side, -0.9, rng.uniform(-0.9, 0.9, n))
+    return np.column_stack([x, y, rng.uniform(0.0, 1.4, n)]) + rng.normal(0.0, noise, (n, 3)) + PLACE
+
+
+def side(n, low=-2.0, high=2.0, seed=0, noise=0.01):
+    """Sample a stretch of the long side alone."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(low, high, n), np.full(n, -0.9), rng.uniform(0.0, 1.4, n)])
+    return points + rng.normal(0.0, noise, (n, 3)) + PLACE
+
+
+def ring(n, seed=0, noise=0.005):
+    """Sample one scan ring about the long side and the rear: an L at one height."""
+    cloud = l_shape(n, seed, noise=0.0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.7]
+    return cloud + np.random.default_rng(seed).normal(0.0, noise, (n, 3))
+
+
+def normals_of(points, radius=0.5, n_neighbours=20):
+    grid = build_grid(points, radius)
+    normals = icp_kernels.estimate_normals(grid.points, grid.first, grid.frame, radius, n_neighbours)
+    return normals[np.argsort(grid.order)]
+
+
+def plane_icp(**settings):
+    return registration.create("plane-icp", **settings)
+
+
+def test_the_same_cloud_moved_is_found():
+    source = l_shape(300)
+    motion = np.array([0.25, -0.15, np.deg2rad(2.0)])
+    result = plane_icp().register(source, se3.transform(planar.to_transform(motion, source.mean(axis=0)), source))
+    np.testing.assert_allclose(result.motion_about(source.mean(axis=0)), motion, atol=1e-3)
+    assert result.status is Status.CONVERGED
+    assert result.n_pairs == 300
+
+
+def test_two_samples_of_one_surface_agree_better_than_point_to_point_and_within_the_covariance():
+    truth, errors, of_points, normalised = np.array([0.3, 0.1, 0.0]), [], [], []
+    for seed in range(20):
+        source, target = l_shape(400, seed), l_shape(400, seed + 100) + truth
+        result = plane_icp().register(source, target)
+        error = (result.motion_about(result.source_centroid) - truth)[:2]
+        normalised.append(error @ np.linalg.solve(result.covariance[:2, :2], error))
+        errors.append(np.hypot(*error))
+        points = registration.create("icp", max_distance=0.5).register(source, target)
+        of_points.append(np.hypot(*(points.motion_about(source.mean(axis=0)) - truth)[:2]))
+        assert result.status is Status.CONVERGED
+    assert np.median(errors) < 0.5 * np.median(of_points)
+    assert np.median(errors) < 0.01
+    assert np.mean(normalised) < 2.0
+
+
+def test_planes_are_upright_walls_and_flat_floors_and_have_unit_length():
+    wall = normals_of(side(300, noise=0.0))
+    np.testing.assert_allclose(np.abs(wall), np.tile([0.0, 1.0, 0.0], (300, 1)), atol=1e-9)
+    rng = np.random.default_rng(1)
+    floor = normals_of(np.column_stack([rng.uniform(0, 2, (200, 2)), np.zeros(200)]))
+    np.testing.assert_allclose(np.abs(floor), np.tile([0.0, 0.0, 1.0], (200, 1)), atol=1e-9)
+    slope = normals_of(np.column_stack([rng.uniform(0, 2, (200, 2)), np.zeros(200)]) @ _tilt(0.5).T)
+    np.testing.assert_allclose(np.abs(slope @ _tilt(0.5)), np.tile([0.0, 0.0, 1.0], (200, 1)), atol=1e-6)
+
+
+def test_a_single_ring_is_taken_for_an_upright_surface():
+    angle = 0.3
+    line = np.linspace(-1.0, 1.0, 30)[:, None] * [np.cos(angle), np.sin(angle), 0.0]
+    normals = normals_of(line)
+    np.testing.assert_allclose(np.abs(normals), np.tile([np.sin(angle), np.cos(angle), 0.0], (30, 1)), atol=1e-9)
+
+
+def test_two_points_one_place_and_a_pole_have_no_plane():
+    assert not normals_of(PLACE + [[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]]).any()
+    assert not normals_of(np.tile(PLACE, (10, 1))).any()
+    assert not normals_of(np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 1.5], 20)).any()
+
+
+def test_a_floor_tells_nothing_of_a_horizontal_motion_and_is_said_not_to():
+    rng = np.random.default_rng(2)
+    floor = np.column_stack([rng.uniform(-2, 2, (800, 2)), rng.normal(0, 0.01, 800)]) + PLACE
+    result = plane_icp().register(floor, floor + [0.2, 0.1, 0.0])
+    assert result.status is Status.NOT_CONVERGED
+    np.testing.assert_allclose(result.T_target_source[:2, 3], [0.2, 0.1], atol=1e-9)  # the start: between the centroids
+
+
+def test_along_a_side_the_start_decides_and_the_covariance_and_the_status_say_so():
+    source, target = side(200), side(200, seed=1) + [0.3, 0.1, 0.0]
+    result = plane_icp().register(source, target)
+    shift = target.mean(axis=0) - source.mean(axis=0)
+    x, y, _ = result.motion_about(source.mean(axis=0))
+    assert result.status is Status.NOT_CONVERGED
+    assert x == pytest.approx(shift[0], abs=0.05)
+    assert y == pytest.approx(0.1, abs=0.01)  # across the side the planes know better than the centroids
+    along, across = np.sqrt(np.diag(result.covariance)[:2])
+    assert along > 0.1 > 5.0 * across
+
+
+def test_a_prior_decides_along_a_side():
+    source, target = side(200), side(200, low=-2.0, high=1.0, seed=1) + [0.3, 0.1, 0.0]
+    prior = MotionPrior(np.array([0.3, 0.0, 0.0]), np.diag([0.05, 0.5, 0.05]) ** 2)
+    x, y, _ = plane_icp().register(source, target, prior).motion_about(source.mean(axis=0))
+    assert x == pytest.approx(0.3, abs=0.03)
+    assert y == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 8, 15, 30])
+def test_sparse_rings_never_run_away_and_are_less_sure_the_fewer_their_points(n):
+    truth = np.array([0.4, 0.1, 0.0])
+    for seed in range(10):
+        source, target = ring(n, seed), ring(n, seed + 50) + truth
+        result = plane_icp().register(source, target)
+        start = target.mean(axis=0) - source.mean(axis=0)
+        assert np.hypot(*(result.motion_about(source.mean(axis=0)) - start)[:2]) < 1.5
+        assert np.sqrt(np.linalg.eigvalsh(result.covariance[:2, :2])[1]) > 0.25 / np.sqrt(n)
+        if n >= 3:
+            error = (result.motion_about(source.mean(axis=0)) - truth)[:2]
+            assert error @ np.linalg.solve(result.covariance[:2, :2], error) < 20.0
+
+
+def test_clouds_that_nowhere_touch_have_no_overlap():
+    apart = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, -3.0, 0.0]])
+    assert plane_icp().register(apart, 0.5 * apart).status is Status.NO_OVERLAP
+
+
+def test_few_points_give_the_centroids_shift_and_an_empty_cloud_leaves_everything_open():
+    few = plane_icp().register(l_shape(50), l_shape(2))
+    assert few.status is Status.TOO_FEW_POINTS
+    np.testing.assert_allclose(few.T_target_source[:3, 3], l_shape(2).mean(axis=0) - l_shape(50).mean(axis=0))
+    nothing = plane_icp().register(l_shape(30), np.empty((0, 3)))
+    assert nothing.status is Status.TOO_FEW_POINTS
+    assert nothing.covariance[0, 0] >= 3.0**2
+
+
+def test_less_overlap_is_less_sure():
+    source = l_shape(400)
+    whole = plane_icp().register(source, source + [0.1, 0.0, 0.0])
+    part = plane_icp().register(source, source[source[:, 0] < 12.0] + [0.1, 0.0, 0.0])
+    assert np.trace(part.covariance[:2, :2]) > 2.0 * np.trace(whole.covariance[:2, :2])
+
+
+def test_iterations_that_run_out_are_no_convergence():
+    source = l_shape(300)
+    turned = se3.transform(planar.to_transform(np.array([0.0, 0.0, 0.1]), source.mean(axis=0)), source)
+    assert plane_icp(max_iterations=1).register(source, turned).status is Status.NOT_CONVERGED
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"max_distance": 0.0},
+        {"noise": -0.1},
+        {"robust_scale": float("nan")},
+        {"unsure": 0.0},
+        {"max_iterations": 0},
+        {"normal_neighbours": 2},
+    ],
+)
+def test_settings_that_cannot_work_are_refused(settings):
+    (name,) = settings
+    with pytest.raises(ValueError, match=f"{name} must be"):
+        plane_icp(**settings)
+
+
+def _tilt(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
