@@ -156,7 +156,7 @@ def search(points, first, frame, x, y, z, rows, distances2):  # noqa: PLR0913
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def nothing_paired(source):
-    """Make the memory of `pair_up` (see the constants), and the rows of the target points nearest to each (LISTED + 1, n)."""
+    """Make the memory of `pair_up` (see the constants), and the rows of the nearest target points (LISTED + 1, n)."""
     memory = np.full((LINES, len(source)), np.inf)
     for i in range(len(source)):
         memory[X, i], memory[Y, i], memory[Z, i] = source[i, 0], source[i, 1], source[i, 2]
