@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-WIDTH = 120  # tables are this wide in files, pipes and narrow windows too: figures are never cut off
+WIDTH = 132  # tables are this wide in files, pipes and narrow windows too: figures are never cut off
 
 # markup is off: a path or a message may hold brackets
 out = Console(width=max(shutil.get_terminal_size().columns, WIDTH), markup=False)

@@ -39,7 +39,7 @@ class PointToPointICP(BatchMethod):
 
     def prepare_cloud(self, points: Points) -> Cloud:
         """Sort the points into cells."""
-        return iterative.prepare(points, 2.0 * self.max_distance)
+        return iterative.prepare(points, self.max_distance)
 
     def align_batch(
         self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]
