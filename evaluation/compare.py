@@ -247,8 +247,10 @@ def _run(
     """Run one estimator over a sequence once; give a table for each smoothing of its output."""
     sequence = store.manifest["sequence"]
     report = _named(progress, f"{sequence}: {name}")
-    _warm_up(create_estimator(name), store, config)
-    tracklets, seconds = run_causal(create_estimator(name), store, config.classes, config.frame, report)
+    _warm_up(create_estimator(name, seed=config.seed), store, config)
+    tracklets, seconds = run_causal(
+        create_estimator(name, seed=config.seed), store, config.classes, config.frame, report
+    )
     n_transforms = sum(e.status is not EstimateStatus.NEW_TRACK for run in tracklets for e in run)
     for smoothing in config.smoothing:
         start = perf_counter()

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
 from functools import reduce
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -55,6 +56,20 @@ def create(method: str | RegistrationMethod, **settings: Any) -> RegistrationMet
     if len(leaves) > 1:
         return _compose(leaves, settings)
     return load_class(method)(**settings)
+
+
+def with_seed(method: RegistrationMethod, seed: int) -> RegistrationMethod:
+    """Give a method, or the parts of a composed one, a seed, where there is such a setting; others stay as they are."""
+    if not is_dataclass(method):
+        return method
+    changes: dict[str, Any] = {}
+    for field in fields(method):
+        value = getattr(method, field.name)
+        if field.name == "seed":
+            changes["seed"] = seed
+        elif isinstance(value, RegistrationMethod):
+            changes[field.name] = with_seed(value, seed)
+    return replace(method, **changes) if changes else method
 
 
 def parts(name: str) -> list[str]:

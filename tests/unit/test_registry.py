@@ -80,3 +80,10 @@ def test_a_plug_in_that_breaks_in_its_own_way_is_still_just_broken(monkeypatch, 
     announce(monkeypatch, stormy="stormy:Mine")
     with pytest.raises(BrokenMethodError, match="cannot be imported: CUDA driver not found"):
         registration.create("stormy")
+
+
+def test_a_seed_reaches_the_methods_that_have_one_and_the_parts_of_compositions():
+    seeded = registry.with_seed(registration.create("fgr+icp"), 7)
+    assert seeded.first.seed == 7
+    assert seeded.second == registration.create("icp")
+    assert registry.with_seed(registration.create("icp"), 7) == registration.create("icp")

@@ -1,7 +1,7 @@
 """Names to estimators: the centroid filter, and every registration method by its own name."""
 
 import registration
-from registration.registry import load_class
+from registration.registry import load_class, with_seed
 from tracker.errors import InputError, UnknownEstimatorError
 from tracker.estimators.centroid_kalman import CentroidKalman
 from tracker.estimators.contract import Estimator
@@ -18,12 +18,13 @@ def estimator_names() -> list[str]:
     return sorted([CentroidKalman.name, *registration.names()])
 
 
-def create_estimator(name: str, smoothing: Smoothing | None = None) -> Estimator:
+def create_estimator(name: str, smoothing: Smoothing | None = None, seed: int = 0) -> Estimator:
     """Make an estimator from its name.
 
     Args:
         name: `centroid-kf`, or a registration method's name.
         smoothing: what its `smooth` does; a window of w = 1 unless said.
+        seed: for methods that draw random numbers.
 
     Raises:
         UnknownEstimatorError: no estimator and no registration method has that name.
@@ -37,7 +38,7 @@ def create_estimator(name: str, smoothing: Smoothing | None = None) -> Estimator
         from tracker.estimators.adh import AdhEstimator  # here: it loads numba
 
         return AdhEstimator(load_class(name)(), smoothing)
-    return RegistrationEstimator(registration.create(name), smoothing)
+    return RegistrationEstimator(with_seed(registration.create(name), seed), smoothing)
 
 
 def create_smoothing(name: str, half_width: int = 1) -> Smoothing:
