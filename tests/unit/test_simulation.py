@@ -12,6 +12,7 @@ import pytest
 from pykitti.utils import load_oxts_packets_and_poses
 
 from registration import se3
+from registration.synthetic.bodies import RigidBody, WalkingBody
 from registration.synthetic.cars import SEDAN, car
 from registration.synthetic.lidar import HDL_64E
 from registration.synthetic.meshes import Material, box_mesh
@@ -22,7 +23,7 @@ from tracker.kitti.calib import read_tracking_calib
 from tracker.kitti.labels import read_labels
 from tracker.simulation import create_scene, simulate
 from tracker.simulation.folder import TRUTH_HEADER, ego_state, simulate_frame
-from tracker.simulation.scenes import Actor, RigidBody, Scene, WalkingBody
+from tracker.simulation.scenes import Actor, Scene
 from tracker.simulation.street import street_scene
 from tracker.simulation.trajectories import Drive, EgoDrive, Speed, SpeedChange, Standing, curve_from_curvature
 from tracker.types import Box

@@ -1,72 +1,19 @@
 """What there is to see: actors that move, a background that does not, and the car with the sensor."""
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64
 
 from registration import se3
+from registration.synthetic.bodies import Body
 from registration.synthetic.meshes import Mesh
-from registration.synthetic.persons import STRIDE_PER_HEIGHT, person, person_size
-from registration.types import Point, Transform
+from registration.types import Transform
 from tracker.errors import InputError
 from tracker.kitti.calib import Calibration
 from tracker.simulation.trajectories import EgoDrive, Motion
 
 PERIOD = 0.1  # between two sweeps [s]
-
-
-@runtime_checkable
-class Body(Protocol):
-    """What an actor looks like."""
-
-    @property
-    def size(self) -> Point:
-        """Length, width, height of the box about the actor's axis that always holds it [m]."""
-
-    def mesh(self, distance: float) -> Mesh:
-        """Shape after a way of `distance` [m]."""
-
-
-@dataclass(frozen=True)
-class RigidBody:
-    """A body that keeps its shape: a car."""
-
-    shape: Mesh
-
-    @cached_property
-    def size(self) -> Point:
-        """Length, width, height [m]; the mesh is centred."""
-        lower, upper = self.shape.bounds
-        return np.array([upper[0] - lower[0], upper[1] - lower[1], upper[2]])
-
-    def mesh(self, distance: float) -> Mesh:
-        """Shape: always the same."""
-        return self.shape
-
-
-@dataclass(frozen=True)
-class WalkingBody:
-    """A person whose legs and arms swing with the way.
-
-    Attributes:
-        height: of the person [m].
-        phase: of the gait at time 0 [rad].
-    """
-
-    height: float = 1.75
-    phase: float = 0.0
-
-    @cached_property
-    def size(self) -> Point:
-        """Length, width, height of the box that holds every phase of the gait [m]."""
-        return person_size(self.height)
-
-    def mesh(self, distance: float) -> Mesh:
-        """Shape after a way of `distance` [m]."""
-        return person(self.height, self.phase + 2.0 * np.pi * distance / (STRIDE_PER_HEIGHT * self.height))
 
 
 @dataclass(frozen=True)

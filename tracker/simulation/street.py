@@ -6,13 +6,14 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import se3
+from registration.synthetic.bodies import Body, RigidBody, WalkingBody
 from registration.synthetic.cars import HATCHBACK, SEDAN, SUV, VAN, CarShape, car, varied
 from registration.synthetic.meshes import Material
 from registration.types import Transform
 from tracker.errors import InputError
 from tracker.kitti.writer import SIMULATED_CALIBRATION
 from tracker.simulation.background import street_background
-from tracker.simulation.scenes import PERIOD, Actor, Body, RigidBody, Scene, WalkingBody
+from tracker.simulation.scenes import PERIOD, Actor, Scene
 from tracker.simulation.trajectories import (
     Curve,
     Drive,
