@@ -6,6 +6,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from registration.errors import SimulationError, unknown_name
+from registration.synthetic.cars import HATCHBACK, SEDAN, SUV, VAN, car, varied
 from registration.synthetic.meshes import Material, Mesh
 from registration.synthetic.persons import STRIDE_PER_HEIGHT, person, person_size
 from registration.types import Point

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -12,7 +13,22 @@ from registration.libraries import load_open3d
 from registration.synthetic.meshes import SURFACES, Material, Mesh, box_mesh, merge
 from registration.types import Points, Transform
 
-PlacedMesh = tuple[Mesh, Transform]  # a mesh, and its pose T_lidar_obj
+
+class PlacedMesh(NamedTuple):
+    """A mesh somewhere before the sensor.
+
+    Attributes:
+        mesh: in its own axes.
+        T_lidar_obj: its pose at the reference time of the sweep, when the beams point forward.
+        twist_lidar: its motion relative to the sensor during the sweep: (vx, vy, vz) of the point that
+            is at the sensor's origin [m/s] and (wx, wy, wz) [rad/s], in the sensor's axes, so that its pose is
+            T(t) = exp(t * twist) T_lidar_obj; None for one that stands still.
+    """
+
+    mesh: Mesh
+    T_lidar_obj: Transform
+    twist_lidar: Float64[np.ndarray, "6"] | None = None
+
 
 GROUND = -1  # the object index of ground returns
 
@@ -103,7 +119,7 @@ def level_ground(beam_model: BeamModel) -> PlacedMesh:
     """Lay asphalt under a level sensor, as far as it sees."""
     size = np.array([4.0, 4.0, 1.0]) * [beam_model.max_range, beam_model.max_range, 1.0]
     slab = box_mesh(size, Material.ASPHALT)
-    return slab, se3.from_yaw(0.0, np.array([0.0, 0.0, -beam_model.height - 1.0]))
+    return PlacedMesh(slab, se3.from_yaw(0.0, np.array([0.0, 0.0, -beam_model.height - 1.0])))
 
 
 def scan(
@@ -155,10 +171,10 @@ def ray_directions(beam_model: BeamModel, phase: float = 0.0) -> Points:
 def _cast(placed: Sequence[PlacedMesh], directions: Points) -> _Hits:
     """Find the first surface on each ray from the origin."""
     n = len(directions)
-    world = merge([mesh.moved(T_lidar_obj) for mesh, T_lidar_obj in placed])
+    world = merge([mesh.moved(T_lidar_obj) for mesh, T_lidar_obj, _ in placed])
     if len(world.triangles) == 0:
         return _Hits(np.full(n, np.inf), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64))
-    owner = np.repeat(np.arange(len(placed)), [len(mesh.triangles) for mesh, _ in placed])
+    owner = np.repeat(np.arange(len(placed)), [len(mesh.triangles) for mesh, *_ in placed])
     open3d = load_open3d("the LiDAR simulator")
     scene = open3d.t.geometry.RaycastingScene()
     scene.add_triangles(

@@ -8,7 +8,7 @@ import pytest
 from registration import se3
 from registration.errors import SimulationError
 from registration.synthetic.cars import SEDAN, car
-from registration.synthetic.lidar import GROUND, HDL_64E, BeamModel, level_ground, ray_directions, scan
+from registration.synthetic.lidar import GROUND, HDL_64E, BeamModel, PlacedMesh, level_ground, ray_directions, scan
 from registration.synthetic.meshes import Material, box_mesh
 
 EXACT = dataclasses.replace(HDL_64E, range_noise=0.0, misfire=0.0, azimuth_step=np.deg2rad(0.5))
@@ -22,7 +22,7 @@ def wall(distance: float, material: Material = Material.MASONRY, width: float = 
 
 
 def sweep_of(objects, beam_model=COARSE, seed=0, ground=None):
-    return scan(objects, beam_model, np.random.default_rng(seed), ground)
+    return scan([PlacedMesh(*placed) for placed in objects], beam_model, np.random.default_rng(seed), ground)
 
 
 def test_the_hdl_64e_has_two_blocks_of_32_beams():

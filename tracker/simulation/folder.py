@@ -120,8 +120,8 @@ def simulate_frame(scene: Scene, frame: int, seed: int = 0, beam_model: BeamMode
     t = frame * scene.period
     T_world_lidar = scene.T_world_lidar(t)
     T_lidar_world = se3.invert(T_world_lidar)
-    objects = [(actor.mesh(t), T_lidar_world @ actor.T_world_obj(t)) for actor in scene.actors]
-    objects.append((scene.background, T_lidar_world))
+    objects = [PlacedMesh(actor.mesh(t), T_lidar_world @ actor.T_world_obj(t)) for actor in scene.actors]
+    objects.append(PlacedMesh(scene.background, T_lidar_world))
     rng = np.random.default_rng([seed, frame])
     sweep = scan(objects, beam_model, rng, _ground(scene, T_world_lidar, beam_model))
     n_returns = np.bincount(sweep.object_index[sweep.object_index >= 0], minlength=len(objects))
@@ -140,7 +140,7 @@ def _ground(scene: Scene, T_world_lidar: Transform, beam_model: BeamModel) -> Pl
     slab = box_mesh(np.array([side, side, 1.0]), Material.ASPHALT)
     x, y, _ = T_world_lidar[:3, 3]
     T_world_slab = se3.from_yaw(0.0, np.array([x, y, scene.ground_z - 1.0]))
-    return slab, se3.invert(T_world_lidar) @ T_world_slab
+    return PlacedMesh(slab, se3.invert(T_world_lidar) @ T_world_slab)
 
 
 def _box(actor: Actor, t: float, T_lidar_world: Transform) -> Box:
