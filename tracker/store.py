@@ -15,8 +15,8 @@ import numpy as np
 from tracker.errors import DataError, MissingDataError
 from tracker.files import UNFINISHED, whole_file, write_whole
 from tracker.kitti import KittiSequence
-from tracker.tracklets import cut
-from tracker.types import Box, Segment, SegmentedFrame
+from tracker.tracklets import cut, segment_of
+from tracker.types import Box, SegmentedFrame
 
 FORMAT, FORMAT_VERSION = "regmot-segments", 1
 FRAMES_PER_PART = 50
@@ -193,6 +193,7 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
     ends = np.cumsum(np.maximum(columns["n_points"], 0))
     for row, index in enumerate(columns["index"]):
         timestamp = float(columns["timestamp"][row])
+        T_world_lidar = columns["T_world_lidar"][row] if columns["has_pose"][row] else None
         boxes, segments = {}, {}
         for i in np.flatnonzero(columns["box_frame"] == row):
             box = _read_box(columns, int(i))
@@ -200,10 +201,7 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
             n = int(columns["n_points"][i])
             if n >= 0:
                 cloud = points[ends[i] - n : ends[i]].copy()  # a view would keep the whole part in memory
-                segments[box.track_id] = Segment(
-                    box.track_id, box.class_name, int(index), timestamp, cloud, box.ground_z_lidar
-                )
-        T_world_lidar = columns["T_world_lidar"][row] if columns["has_pose"][row] else None
+                segments[box.track_id] = segment_of(box, cloud, int(index), timestamp, T_world_lidar)
         yield SegmentedFrame(int(index), timestamp, segments, boxes, T_world_lidar)
 
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Collection, Iterable, Iterator
 
-from registration.types import Transform
+from registration.types import Points, Transform
 from tracker.boxes import points_in_boxes
-from tracker.types import Frame, Segment, SegmentedFrame, Tracklet
+from tracker.types import Box, Frame, Segment, SegmentedFrame, Tracklet
 
 
 def cut(frame: Frame) -> SegmentedFrame:
@@ -13,16 +13,25 @@ def cut(frame: Frame) -> SegmentedFrame:
     if frame.points_lidar is not None:
         rows = points_in_boxes(frame.points_lidar, frame.boxes)
         for box, found in zip(frame.boxes, rows, strict=True):
-            segments[box.track_id] = Segment(
-                track_id=box.track_id,
-                class_name=box.class_name,
-                frame=frame.index,
-                timestamp=frame.timestamp,
-                points_lidar=frame.points_lidar[found],
-                ground_z_lidar=box.ground_z_lidar,
-            )
+            points_lidar = frame.points_lidar[found]
+            segments[box.track_id] = segment_of(box, points_lidar, frame.index, frame.timestamp, frame.T_world_lidar)
     boxes = {box.track_id: box for box in frame.boxes}
     return SegmentedFrame(frame.index, frame.timestamp, segments, boxes, frame.T_world_lidar)
+
+
+def segment_of(
+    box: Box, points_lidar: Points, frame: int, timestamp: float, T_world_lidar: Transform | None
+) -> Segment:
+    """Tell of a box what estimators may know: the points in it, and the height of the ground under it."""
+    return Segment(
+        track_id=box.track_id,
+        class_name=box.class_name,
+        frame=frame,
+        timestamp=timestamp,
+        points_lidar=points_lidar,
+        ground_z_lidar=box.ground_z_lidar,
+        ground_z_world=None if T_world_lidar is None else box.ground_z_world(T_world_lidar),
+    )
 
 
 def of_classes(segments: dict[int, Segment], classes: Collection[str]) -> dict[int, Segment]:

@@ -1,11 +1,15 @@
 """From frames to segments, and from segments to tracklets without gaps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from registration import se3
 from tests.kitti_folder import scan, things
-from tracker.tracklets import cut, of_classes, tracklets
+from tracker.estimators.contract import look
+from tracker.tracklets import cut, of_classes, segment_of, tracklets
 from tracker.types import Box, Frame, Segment, SegmentedFrame
 
 
@@ -113,3 +117,20 @@ def test_a_tracklet_is_given_out_as_soon_as_it_ends():
     first = next(tracklets(frames(), ["Car", "Van"]))
     assert (first.track_id, len(first.segments)) == (1, 2)
     assert read == [0, 1, 2]
+
+
+def test_the_ground_in_the_world_is_that_under_the_middle_of_the_box():
+    """A sensor that leans forward by 2 degrees sees a level road rise: 1 m higher 28.6 m ahead."""
+    lean = se3.pose(Rotation.from_euler("y", 2.0, degrees=True).as_matrix(), np.array([100.0, 50.0, 1.73]))
+    center = np.array([20.0, 0.0, -1.0])
+    box = Box(1, "Car", se3.from_yaw(0.3, center), np.array([4.0, 1.8, 1.5]))
+    segment = segment_of(box, np.array([[18.0, 0.0, -1.0]]), 0, 0.0, lean)
+    assert segment.ground_z_lidar == pytest.approx(-1.75)
+    expected = 1.73 - 20.0 * np.sin(np.deg2rad(2.0)) - 1.75 * np.cos(np.deg2rad(2.0))
+    assert segment.ground_z_world == pytest.approx(expected)
+    assert look(segment, lean).points[0, 2] == pytest.approx(
+        1.73 - 18.0 * np.sin(np.deg2rad(2.0)) - np.cos(np.deg2rad(2.0)) - expected
+    )
+    assert segment_of(box, segment.points_lidar, 0, 0.0, None).ground_z_world is None
+    below = replace(segment, ground_z_world=None)  # then it is what is known: the height below the points
+    assert look(below, lean).points[0, 2] == pytest.approx(0.75 * np.cos(np.deg2rad(2.0)))

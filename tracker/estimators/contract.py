@@ -80,11 +80,8 @@ class Sighting:
 
 def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
     """Bring a non-empty segment into the frame of its velocities."""
-    centroid_lidar = segment.points_lidar.mean(axis=0)
     T = np.eye(4) if T_world_lidar is None else T_world_lidar
-    ground_lidar = np.array([centroid_lidar[0], centroid_lidar[1], segment.ground_z_lidar])
-    ground_z = float(se3.transform(T, ground_lidar[None])[0, 2])
-    points = se3.transform(T, segment.points_lidar) - [0.0, 0.0, ground_z]
+    points = se3.transform(T, segment.points_lidar) - [0.0, 0.0, _ground_z(segment, T_world_lidar)]
     midpoint = 0.5 * (points.min(axis=0) + points.max(axis=0))
     sensor = T[:2, 3].copy()
     return Sighting(
@@ -95,6 +92,18 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
         range_m=float(np.hypot(*(midpoint[:2] - sensor))),
         sensor=sensor,
     )
+
+
+def _ground_z(segment: Segment, T_world_lidar: Transform | None) -> float:
+    """Give the height of the ground in the frame of the velocities; where only the sensor's is known, that below
+    the middle of the points.
+    """
+    if T_world_lidar is None:
+        return segment.ground_z_lidar
+    if segment.ground_z_world is not None:
+        return segment.ground_z_world
+    x, y, _ = 0.5 * (segment.points_lidar.min(axis=0) + segment.points_lidar.max(axis=0))
+    return float(se3.transform(T_world_lidar, np.array([[x, y, segment.ground_z_lidar]]))[0, 2])
 
 
 @dataclass(frozen=True, slots=True)
