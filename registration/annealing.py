@@ -128,23 +128,21 @@ def measure(points):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def search(moved, moved_start, fixed, fixed_start, pairs, constants):
+def search(begin, end, moved, moved_start, fixed, fixed_start, pairs, constants, found):
     """Find the distribution of the shift that brings each moved cloud onto its fixed cloud.
 
     Args:
+        begin, end: which of the pairs.
         moved: the points of all moved clouds, end to end (n, 3) [m]; none is empty.
         moved_start: where each pair's points start, and the end (k + 1).
         fixed: the points of all fixed clouds (m, 3) [m].
         fixed_start: the same for them (k + 1).
         pairs: rows of PAIR (k).
         constants: `Constants`.
-
-    Returns:
-        rows of POSTERIOR (k).
+        found: rows of POSTERIOR (k), filled in.
     """
-    found = np.zeros(len(pairs), dtype=POSTERIOR)
     cells = np.empty(0, dtype=np.float32)
-    for i in range(len(pairs)):
+    for i in range(begin, end):
         cloud = fixed[fixed_start[i] : fixed_start[i + 1]]
         low, high = _bounds(cloud)
         last = constants.coarsest
@@ -155,7 +153,6 @@ def search(moved, moved_start, fixed, fixed_start, pairs, constants):
         if n_cells > len(cells):
             cells = np.empty(n_cells, dtype=np.float32)
         _anneal(moved[moved_start[i] : moved_start[i + 1]], cloud, pairs[i], constants, cells, found[i])
-    return found
 
 
 @njit(cache=True, nogil=True)

@@ -39,8 +39,9 @@ CONVERGED, NOT_CONVERGED, NO_OVERLAP, TOO_FEW_POINTS, EMPTY = range(5)
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def center(points):
-    """Move a non-empty cloud to its mean, in place; give the mean."""
+    """Move a non-empty cloud to its mean, in place; give the mean and the horizontal covariance (xx, xy, yy)."""
     mean = np.zeros(3)
+    xx = xy = yy = 0.0
     for axis in range(3):
         origin = points[0, axis]  # sums of small numbers keep their digits where coordinates are kilometres
         for i in range(len(points)):
@@ -48,7 +49,11 @@ def center(points):
         mean[axis] = origin + mean[axis] / len(points)
         for i in range(len(points)):
             points[i, axis] -= mean[axis]
-    return mean
+    for i in range(len(points)):
+        xx += points[i, 0] * points[i, 0]
+        xy += points[i, 0] * points[i, 1]
+        yy += points[i, 1] * points[i, 1]
+    return mean, (xx / len(points), xy / len(points), yy / len(points))
 
 
 @njit(cache=True, nogil=True)

@@ -30,11 +30,13 @@ class Cloud:
     Attributes:
         points: as they came [m].
         centroid: their mean [m]; zero for an empty cloud.
+        scatter: horizontal covariance of the points: xx, xy, yy [m^2].
         grid: the points relative to the centroid, in cells: small numbers, wherever on earth the cloud is.
     """
 
     points: Points
     centroid: Point
+    scatter: tuple[float, float, float]
     grid: Grid
 
 
@@ -70,8 +72,8 @@ class BatchMethod(PairMethod):
 def prepare(points: Points, cell: float) -> Cloud:
     """Centre a cloud and sort it into cells of side `cell` [m]."""
     offsets = np.array(points, order="C")
-    centroid = icp_kernels.center(offsets) if len(points) else np.zeros(3)
-    return Cloud(points, centroid, neighbours.build_grid(offsets, cell))
+    centroid, scatter = icp_kernels.center(offsets) if len(points) else (np.zeros(3), (0.0, 0.0, 0.0))
+    return Cloud(points, centroid, scatter, neighbours.build_grid(offsets, cell))
 
 
 def starts(pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]) -> Float64[np.ndarray, "n 3"]:

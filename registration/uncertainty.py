@@ -60,23 +60,25 @@ def of_centroids(source: Points, target: Points) -> PlanarCovariance:
     return _assemble(shift, ORDINARY_TURN**2)
 
 
-def of_point_pairs(source: Points, target: Points, n_pairs: int, is_settled: bool) -> PlanarCovariance:
-    """Bound the error of a motion found by pairing nearest points.
+def of_point_pairs(
+    scatter: tuple[float, float, float], n_source: int, n_target: int, n_pairs: int, is_settled: bool
+) -> PlanarCovariance:
+    """Bound the error of a motion found by pairing nearest points; cheap, since it is asked for every pair.
 
     Args:
-        source: all points of the source [m].
-        target: all points of the target [m].
+        scatter: horizontal covariance of the source's points: xx, xy, yy [m^2].
+        n_source: number of points of the source.
+        n_target: number of points of the target.
         n_pairs: how many source points found a partner.
         is_settled: whether the iterations came to rest.
     """
-    extent = _extent(source)
-    fewest, most = sorted((len(source), len(target)))
-    apart = 1.0 - n_pairs / most
+    xx, xy, yy = scatter
+    apart = 1.0 - n_pairs / max(n_source, n_target)
     slide = (SLIDE if is_settled else SLIDE_UNSETTLED) ** 2 + SLIDE_APART**2 * apart**4
-    sampling = PAIRS_FLOOR**2 + PAIRS_SAMPLING**2 / fewest
-    shift = slide * extent + sampling * np.eye(2)
-    turn = TURN_SHARE**2 * (slide + sampling / max(float(np.trace(extent)), 1e-6))
-    return _assemble(shift, min(turn, UNKNOWN_TURN**2))
+    sampling = PAIRS_FLOOR**2 + PAIRS_SAMPLING**2 / min(n_source, n_target)
+    turn = min(TURN_SHARE**2 * (slide + sampling / max(xx + yy, 1e-6)), UNKNOWN_TURN**2)
+    across = slide * xy
+    return np.array([[slide * xx + sampling, across, 0.0], [across, slide * yy + sampling, 0.0], [0.0, 0.0, turn]])
 
 
 def of_surface_pairs(

@@ -9,15 +9,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 from numpy.typing import ArrayLike
 
 from registration import annealing
 from registration.method import check_cloud, nothing_known
+from registration.neighbours import pack_arrays, share_out
 from registration.types import MotionPrior, PlanarCovariance, Point, Points, RegistrationResult, Status
 from registration.uncertainty import ORDINARY_TURN
 
@@ -119,6 +119,7 @@ class AnnealedHistograms2D:
     prior_floor: float = 1e-4  # least density of a prior [1/m^3]
     acceleration_variance: float = 10.0  # of the motion model that the tracker's estimator keeps [m^2/s^4]
     widest: float = 0.5  # posteriors with a larger standard deviation than this are no answer [m]
+    threads: int = 1  # that search the pairs of a batch
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot work."""
@@ -194,12 +195,18 @@ class AnnealedHistograms2D:
             places.append(place)
             signs.append(sign)
         if rows:
-            table = np.array(rows, dtype=annealing.PAIR)
-            answers = annealing.search(*_packed(moved), *_packed(fixed), table, self._constants).tolist()
+            answers = self._search(moved, fixed, np.array(rows, dtype=annealing.PAIR))
             for place, sign, (x, y, xx, xy, yy, within, n_levels) in zip(places, signs, answers, strict=True):
                 mean, covariance = np.array([sign * x, sign * y]), np.array([[xx, xy], [xy, yy]])
                 found[place] = Posterior(mean, covariance, within, n_levels)
         return found
+
+    def _search(self, moved: list[Points], fixed: list[Points], pairs: np.ndarray) -> list[tuple[float, ...]]:
+        """Give a row of POSTERIOR for each pair; each thread takes one pair after another."""
+        clouds, found = (*pack_arrays(moved), *pack_arrays(fixed)), np.zeros(len(pairs), dtype=annealing.POSTERIOR)
+        share_out(lambda a, b: annealing.search(a, b, *clouds, pairs, self._constants, found), len(pairs), self.threads)
+        rows: list[tuple[float, ...]] = found.tolist()
+        return rows
 
     def result(self, source: Cloud, target: Cloud, posterior: Posterior | None) -> RegistrationResult:
         """Turn a posterior into the motion of an object: its mean, and how far that can be trusted."""
@@ -311,9 +318,3 @@ def _density(prior: MotionPrior | None) -> tuple[float, ...]:
     log_peak = -1.5 * math.log(2.0 * math.pi) - 0.5 * math.log(determinant * HEIGHT_VARIANCE)
     x, y = prior.mean[:2].tolist()
     return True, x, y, yy / determinant, -xy / determinant, xx / determinant, log_peak
-
-
-def _packed(clouds: Sequence[Points]) -> tuple[Points, Int64[np.ndarray, " _"]]:
-    """Lay clouds end to end; give where each starts, and the end."""
-    starts = np.array([0, *accumulate(map(len, clouds))], dtype=np.int64)
-    return (clouds[0] if len(clouds) == 1 else np.concatenate(clouds)), starts

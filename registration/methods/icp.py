@@ -67,7 +67,9 @@ def _result(source: Cloud, target: Cloud, motion: list[float], outcome: list[flo
     return RegistrationResult(
         T_target_source=T,
         source_centroid=source.centroid,
-        covariance=uncertainty.of_point_pairs(source.points, target.points, n_pairs, is_settled),
+        covariance=uncertainty.of_point_pairs(
+            source.scatter, len(source.points), len(target.points), n_pairs, is_settled
+        ),
         status=status,
         rmse=outcome[2],
         n_pairs=n_pairs,

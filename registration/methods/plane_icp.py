@@ -84,7 +84,7 @@ class PointToPlaneICP(BatchMethod):
         normals = icp_kernels.estimate_normals(
             grid.points, grid.first, grid.frame, float(self.normal_radius), self.normal_neighbours
         )
-        return Surface(cloud.points, cloud.centroid, grid, normals)
+        return Surface(cloud.points, cloud.centroid, cloud.scatter, grid, normals)
 
     def align_batch(
         self, pairs: Sequence[tuple[Surface, Surface]], priors: Sequence[MotionPrior | None]

@@ -72,7 +72,7 @@ def test_nor_does_any_prior_cause_one(name, pair, x, y, yaw, sd):
     check(result, *pair, start=mean)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", [*METHODS, "adh-3d"])
 @pytest.mark.parametrize("threads", [1, 2])
 @given(batch=st.lists(pairs, max_size=5), seed=st.integers(0, 1000))
 def test_a_batch_is_its_pairs_one_by_one_in_any_order(name, threads, batch, seed):
