@@ -1,6 +1,6 @@
 """How long things take: ours and the plain way side by side, in one run, as medians and ratios."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
@@ -11,7 +11,7 @@ import numpy as np
 
 import registration
 from registration import se3
-from registration.errors import MissingLibraryError
+from registration.errors import MissingLibraryError, RegistrationError
 from registration.libraries import load_open3d
 from registration.types import Points
 from tracker.boxes import points_in_boxes
@@ -19,7 +19,7 @@ from tracker.types import Box
 
 N_POINTS, N_BOXES = 120_000, 20  # of the frame that segments are cut from
 
-METHODS = ("icp", "plane-icp")
+METHODS = ("icp", "plane-icp", "gicp", "adh-3d")
 POINTS, N_PAIRS = (50, 200, 1000, 4000), 8  # how time grows with the points of a segment, ...
 PAIRS, FEW_POINTS = (1, 4, 32), 200  # ... and with the pairs of a frame
 
@@ -48,20 +48,32 @@ def side_by_side(
     return Timing(what, peer_name, 1e3 * median(times[:, 0]), 1e3 * median(times[:, 1]))
 
 
-def benchmark(seed: int = 0) -> list[Timing]:
-    """Time cutting segments against a loop over boxes, and the ICP methods against Open3D's where that is installed."""
+def benchmark(
+    seed: int = 0, methods: Sequence[str] = METHODS, points: Sequence[int] = POINTS, pairs: Sequence[int] = PAIRS
+) -> list[Timing]:
+    """Time cutting segments, and how methods grow with points and pairs where Open3D is there to compare with."""
     rng = np.random.default_rng(seed)
     timings = [_cutting(rng)]
     try:
         open3d = load_open3d("the comparison with Open3D's ICP")
     except MissingLibraryError:
         return timings
-    for name in METHODS:
-        for n_points in POINTS:
+    for name in methods:
+        if not _is_ready(name):
+            continue
+        for n_points in points:
             timings.append(_aligning(name, n_points, N_PAIRS, open3d, rng))
-        for n_pairs in PAIRS:
+        for n_pairs in pairs:
             timings.append(_aligning(name, FEW_POINTS, n_pairs, open3d, rng))
     return timings
+
+
+def _is_ready(name: str) -> bool:
+    try:
+        registration.create(name)
+    except RegistrationError:  # its library is not here
+        return False
+    return True
 
 
 def _cutting(rng: np.random.Generator) -> Timing:
@@ -85,18 +97,18 @@ def _aligning(name: str, n_points: int, n_pairs: int, open3d: ModuleType, rng: n
     In a tracker each segment is prepared once and aligned twice: as many segments are prepared as pairs aligned.
     """
     method = registration.create(name)
-    sources = [_pair(rng, n_points) for _ in range(n_pairs)]
-    targets = [_pair(rng, n_points) + [0.05, 0.02, 0.0] for _ in range(n_pairs)]
+    sources = [car_points(rng, n_points) for _ in range(n_pairs)]
+    targets = [car_points(rng, n_points) + [0.05, 0.02, 0.0] for _ in range(n_pairs)]
     prepared = method.prepare(sources)
 
     def ours() -> object:
         return method.align(list(zip(prepared, method.prepare(targets), strict=True)))
 
     def peer() -> object:
-        return [_open3d_icp(open3d, *pair) for pair in zip(sources, targets, strict=True)]
+        return [open3d_icp(open3d, *pair) for pair in zip(sources, targets, strict=True)]
 
     what = f"{name}, {n_points} points, {n_pairs} {'pair' if n_pairs == 1 else 'pairs'} a call: a pair"
-    timing = side_by_side(what, "Open3D point-to-point ICP", ours, peer, repeats=9)
+    timing = side_by_side(what, "Open3D point-to-point ICP", ours, peer, repeats=7)
     return replace(timing, ours_ms=timing.ours_ms / n_pairs, peer_ms=timing.peer_ms / n_pairs)
 
 
@@ -125,7 +137,7 @@ def one_by_one(points: Points, boxes: list[Box]) -> list[np.ndarray]:
     return found
 
 
-def _pair(rng: np.random.Generator, n: int) -> Points:
+def car_points(rng: np.random.Generator, n: int) -> Points:
     """Sample the side and the rear of a car."""
     on_side = rng.random(n) < 0.7
     x = np.where(on_side, rng.uniform(-2.0, 2.0, n), -2.0)
@@ -133,7 +145,8 @@ def _pair(rng: np.random.Generator, n: int) -> Points:
     return np.column_stack([x, y, rng.uniform(0.0, 1.4, n)]) + rng.normal(0.0, 0.02, (n, 3)) + [12.0, 5.0, 0.0]
 
 
-def _open3d_icp(open3d: ModuleType, source: Points, target: Points) -> object:
+def open3d_icp(open3d: ModuleType, source: Points, target: Points) -> object:
+    """Let Open3D align two clouds, from their centroids and with the published radius."""
     clouds = []
     for points in (source, target):
         cloud = open3d.geometry.PointCloud()

@@ -1,6 +1,7 @@
 """The command `regmot`: arguments in, files and tables out; the work is done by the libraries."""
 
 import json
+import os
 import sys
 from functools import partial
 from pathlib import Path
@@ -230,27 +231,46 @@ def splits(root: Root, classes: Classes = "Car,Van") -> None:
 
 @app.command()
 def benchmark(
+    root: Annotated[Path | None, typer.Argument(help="a KITTI folder: time transforms on its segments")] = None,
+    sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
+    classes: Classes = "Car,Van",
+    methods: Annotated[str, typer.Option(help="names, comma-separated; default: all that can be used")] = "",
+    growth: Annotated[bool, typer.Option(help="also how times grow with points and with pairs")] = True,
     out: Annotated[Path | None, typer.Option(help="also write the timings to this JSON file")] = None,
     seed: Annotated[int, typer.Option(help="of the generated data")] = 0,
 ) -> None:
-    """Time the hot paths, ours and the plain way side by side in one run.
+    """Time the hot paths beside their peers in one run: transforms in a tracker, growth, cutting segments.
+
+    Open3D gets one thread, like ours, unless OMP_NUM_THREADS says otherwise.
 
     Example: regmot benchmark --out timings.json
     """
     from dataclasses import asdict
 
-    from evaluation import runtime
+    import numpy as np
+
+    import registration
+    from evaluation import runtime, streaming
     from evaluation.report import machine
     from tracker.files import write_whole
 
-    from .console import messages, print_table
+    from .console import messages, print_table, progress_bars
 
-    timings = runtime.benchmark(seed)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when Open3D is loaded
+    names = _names(methods) or tuple(registration.names())
+    with TemporaryDirectory() as cache, progress_bars() as progress:
+        if root is None:
+            streams = [list(streaming.generated_stream(np.random.default_rng(seed)))]
+        else:
+            streams = streaming.kitti_streams(root, _names(",".join(sequence)), _names(classes), Path(cache))
+        timings = streaming.time_streams(streams, names, progress)
+    timings += runtime.benchmark(seed) if growth else []
     body = [[t.what, f"{t.ours_ms:.2f}", t.peer, f"{t.peer_ms:.2f}", f"{t.ratio:.2f}"] for t in timings]
     print_table(["what", "ours [ms]", "peer", "peer [ms]", "ratio"], body, title=machine())
     if out is not None:
         rows = [{**asdict(t), "ratio": t.ratio} for t in timings]
-        write_whole(out, json.dumps({"machine": machine(), "seed": seed, "timings": rows}, indent=1))
+        about = {"machine": machine(), "seed": seed, "root": None if root is None else str(root)}
+        write_whole(out, json.dumps({**about, "timings": rows}, indent=1))
         messages.print(f"timings in {out}")
 
 

@@ -198,7 +198,7 @@ class AnnealedHistograms2D:
             answers = self._search(moved, fixed, np.array(rows, dtype=annealing.PAIR))
             for place, sign, (x, y, xx, xy, yy, within, n_levels) in zip(places, signs, answers, strict=True):
                 mean, covariance = np.array([sign * x, sign * y]), np.array([[xx, xy], [xy, yy]])
-                found[place] = Posterior(mean, covariance, within, n_levels)
+                found[place] = Posterior(mean, covariance, within, int(n_levels))
         return found
 
     def _search(self, moved: list[Points], fixed: list[Points], pairs: np.ndarray) -> list[tuple[float, ...]]:

@@ -155,8 +155,10 @@ def test_demo_ends_with_a_table_and_pictures(tmp_path):
 
 
 def test_benchmark_shows_both_contestants(tmp_path):
-    regmot("benchmark", "--out", "timings.json", cwd=tmp_path)
+    regmot("benchmark", "--methods", "centroid,icp,adh-3d", "--no-growth", "--out", "timings.json", cwd=tmp_path)
     timings = json.loads((tmp_path / "timings.json").read_text())["timings"]
+    whats = [timing["what"] for timing in timings]
+    assert whats == [f"{name}: a transform" for name in ("centroid", "icp", "adh-3d")]
     assert all(timing["ours_ms"] > 0.0 and timing["peer_ms"] > 0.0 for timing in timings)
 
 

@@ -1,0 +1,116 @@
+"""What a transform costs in a tracker: each segment prepared once, all objects of a frame aligned in one call."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import registration
+from evaluation.runtime import Timing, car_points, open3d_icp
+from registration.errors import RegistrationError
+from registration.libraries import load_open3d
+from registration.types import Points, RegistrationMethod
+from tracker.kitti import open_sequences
+from tracker.store import cut_sequence
+from tracker.tracklets import of_classes
+
+PEER = "Open3D point-to-point ICP, pair by pair"
+WARM_UP_FRAMES = 3  # what is compiled or loaded on first use is no cost of a transform
+
+Segments = Mapping[int, Points]  # the points of each object of a frame (n, 3) [m]
+Progress = Callable[[str, int, int | None], None]
+
+
+@dataclass
+class Contestant:
+    """A method on its way through the frames."""
+
+    method: RegistrationMethod
+    previous: dict[int, Any] = field(default_factory=dict)
+    ms: list[float] = field(default_factory=list)  # per transform, one value a frame
+
+    def step(self, segments: Segments) -> None:
+        """Prepare the frame's segments, and align those that were there in the last frame."""
+        start = perf_counter()
+        prepared = dict(zip(segments, self.method.prepare(list(segments.values())), strict=True))
+        pairs = [(self.previous[key], now) for key, now in prepared.items() if key in self.previous]
+        self.method.align(pairs)
+        self.previous = prepared
+        if pairs:
+            self.ms.append(1e3 * (perf_counter() - start) / len(pairs))
+
+
+def time_streams(
+    streams: Sequence[Sequence[Segments]], methods: Sequence[str], progress: Progress | None = None
+) -> list[Timing]:
+    """Let methods, and Open3D's ICP called pair by pair, take turns on the same frames.
+
+    Args:
+        streams: one a sequence: its frames in order.
+        methods: names; what cannot be created here is left out.
+        progress: told of every frame.
+
+    Returns:
+        for each method the median over frames of the time of a transform; the same of the peer beside it.
+
+    Raises:
+        MissingLibraryError: Open3D cannot be imported.
+    """
+    open3d = load_open3d("the comparison with Open3D's ICP")
+    contestants = {name: Contestant(method) for name in methods if (method := _created(name)) is not None}
+    peer_ms: list[float] = []
+    for stream in streams:
+        for contestant in contestants.values():
+            contestant.previous = {}
+        last: Segments = {}
+        for k, segments in enumerate(stream):
+            for contestant in contestants.values():
+                contestant.step(segments)
+            pairs = [(last[key], now) for key, now in segments.items() if key in last]
+            start = perf_counter()
+            for pair in pairs:
+                open3d_icp(open3d, *pair)
+            if pairs:
+                peer_ms.append(1e3 * (perf_counter() - start) / len(pairs))
+            last = segments
+            if progress is not None:
+                progress("timing transforms", k + 1, len(stream))
+    peer = median(peer_ms[WARM_UP_FRAMES:])
+    return [
+        Timing(f"{name}: a transform", PEER, median(contestant.ms[WARM_UP_FRAMES:]), peer)
+        for name, contestant in contestants.items()
+    ]
+
+
+def kitti_streams(root: Path, sequences: Sequence[str], classes: Sequence[str], cache: Path) -> list[list[Segments]]:
+    """Cut the non-empty segments of some classes out of KITTI sequences, frame by frame.
+
+    Raises:
+        TrackerError: no such sequence, no scans, damaged data.
+    """
+    return [
+        [_points(of_classes(frame.segments, classes)) for frame in cut_sequence(sequence, cache).frames()]
+        for sequence in open_sequences(root, tuple(sequences))
+    ]
+
+
+def generated_stream(rng: np.random.Generator, n_frames: int = 25, n_objects: int = 8) -> Iterator[Segments]:
+    """Make frames of car-like segments of 20 to 3000 points, as many near as far in the logarithm."""
+    sizes = np.geomspace(20, 3000, n_objects).astype(int)
+    for k in range(n_frames):
+        yield {i: car_points(rng, int(n)) + [0.05 * k, 0.02 * k, 0.0] for i, n in enumerate(sizes)}
+
+
+def _points(segments: Mapping[int, Any]) -> Segments:
+    return {key: segment.points_lidar for key, segment in segments.items() if len(segment.points_lidar)}
+
+
+def _created(name: str) -> RegistrationMethod | None:
+    try:
+        return registration.create(name)
+    except RegistrationError:  # its library, or its weights, are not here
+        return None
