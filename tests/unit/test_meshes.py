@@ -1,4 +1,4 @@
-"""Meshes, parametric cars and walking persons."""
+"""Meshes, the car of given measures and the walking person."""
 
 import dataclasses
 
@@ -7,24 +7,12 @@ import pytest
 
 from registration import se3
 from registration.errors import SimulationError
-from registration.synthetic.cars import HATCHBACK, SEDAN, SUV, VAN, car, varied
+from registration.synthetic.cars import HATCHBACK, SEDAN, SUV, VAN, CarTrim, car, resized, varied
 from registration.synthetic.meshes import Material, Mesh, box_mesh, cylinder, ellipsoid, loft, merge
 from registration.synthetic.persons import STRIDE_PER_HEIGHT, person, person_size
+from tests.mesh_checks import open_edges, volume
 
 SHAPES = pytest.mark.parametrize("shape", [SEDAN, HATCHBACK, SUV, VAN], ids=["sedan", "hatchback", "suv", "van"])
-
-
-def volume(mesh: Mesh) -> float:
-    """Volume by the divergence theorem; right only if the skin is closed and all its triangles face outwards."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
-    return float((a * np.cross(b, c)).sum() / 6.0)
-
-
-def open_edges(mesh: Mesh) -> int:
-    """Count directed edges that no neighbouring triangle runs through the other way."""
-    edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    there = {tuple(edge) for edge in edges.tolist()}
-    return sum((b, a) not in there for a, b in there)
 
 
 def test_a_box_has_the_volume_of_its_sides_and_stands_on_the_ground():
@@ -93,6 +81,25 @@ def test_impossible_cars_are_refused_with_the_reason():
         dataclasses.replace(SEDAN, wheelbase=3.6)
     with pytest.raises(SimulationError, match="clearance < belt_height < height"):
         dataclasses.replace(SEDAN, belt_height=1.6)
+    with pytest.raises(SimulationError, match="bed of a pick-up must be above the wheel arches"):
+        dataclasses.replace(SEDAN, bed_depth=0.6)
+
+
+def test_a_resized_car_has_the_new_size_and_round_wheels():
+    size = np.array([4.0, 1.7, 1.6])
+    shape = resized(SEDAN, size)
+    mesh = car(shape)
+    np.testing.assert_allclose(mesh.bounds, [[-2.0, -0.85, 0.0], [2.0, 0.85, 1.6]], atol=1e-9)
+    assert shape.wheel_radius == pytest.approx(SEDAN.wheel_radius * 4.0 / SEDAN.length)
+    assert shape.hood_length / SEDAN.hood_length == pytest.approx(4.0 / SEDAN.length)
+
+
+def test_what_stands_on_a_roof_is_part_of_the_height_and_mirrors_of_the_width():
+    trim = CarTrim(has_mirrors=True, has_cladding=True, rail_height=0.05, box_height=0.4)
+    mesh = car(dataclasses.replace(SEDAN, height=1.85), trim=trim)
+    np.testing.assert_allclose(mesh.bounds[1], [2.31, 0.90, 1.85], atol=1e-9)
+    assert open_edges(mesh) == 0
+    assert len(mesh.triangles) > len(car(SEDAN).triangles)
 
 
 @pytest.mark.parametrize("phase", np.linspace(0.0, 2.0 * np.pi, 7, endpoint=False))
