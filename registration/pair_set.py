@@ -19,6 +19,7 @@ from registration.errors import PairSetError
 from registration.types import Point, Points, Transform
 
 PARTS = ("train", "val", "test")
+ABOUT = "about.json"  # what a set is made of
 RELEASED_VAL = 1000  # items of a released val.txt that come before its test items (synthetic sets)
 RELEASED_TEST_IDS = frozenset({2, 6, 7, 8, 10})  # re-indexed track ids that test (KITTI sets)
 
@@ -157,8 +158,7 @@ def write_pair_set(folder: Path, pairs: Iterable[tuple[str, CloudPair]], about: 
     folder = folder.absolute()
     unfinished = folder.with_name(f"{folder.name}.unfinished")
     for path in (folder, unfinished):
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise PairSetError(f"{path}: holds something already; choose an empty folder, or remove it")
+        check_free(path)
     try:
         _write_all(unfinished, pairs, about)
         if folder.exists():
@@ -169,25 +169,65 @@ def write_pair_set(folder: Path, pairs: Iterable[tuple[str, CloudPair]], about: 
     return PairSet(folder)
 
 
-def _write_all(folder: Path, pairs: Iterable[tuple[str, CloudPair]], about: dict[str, Any]) -> None:
+def write_pair(folder: Path, id_: int, pair: CloudPair) -> None:
+    """Write one pair into a set's folder; its record comes last and at once: where it is, the pair is whole."""
+    for name, cloud in (("pointcloud1", pair.source), ("pointcloud2", pair.target)):
+        np.save(folder / name / f"{id_:08d}.npy", cloud.astype(np.float32))
+    np.save(folder / "transform" / f"{id_:08d}.npy", pair.T_target_source)
+    _write_json(folder / "meta" / f"{id_:08d}.json", _record(pair))
+
+
+def make_folders(folder: Path) -> None:
+    """Make the folders that `write_pair` and `write_lists` write to, where they are not there yet."""
     for name in ("meta", "pointcloud1", "pointcloud2", "transform", "split"):
-        (folder / name).mkdir(parents=True)
-    ids: dict[str, list[int]] = {part: [] for part in PARTS}
-    for id_, (part, pair) in enumerate(pairs):
-        ids[part].append(id_)
-        _write_pair(folder, id_, pair)
-    if not any(ids.values()):
-        raise PairSetError("there is no pair to write")
+        (folder / name).mkdir(parents=True, exist_ok=True)
+
+
+def write_lists(folder: Path, ids: dict[str, list[int]], about: dict[str, Any]) -> None:
+    """Say which pairs belong to which part, and what the set is made of (`about.json`)."""
     lists = {"train": ids["train"], "val": ids["val"] + ids["test"], "test": ids["test"]}
     for name, members in lists.items():
         (folder / "split" / f"{name}.txt").write_text("".join(f"{id_}\n" for id_ in members))
     counts = {part: len(members) for part, members in ids.items()}
-    (folder / "about.json").write_text(json.dumps({**about, "angles": "heading", "n": counts}, indent=1))
+    write_about(folder, {**about, "angles": "heading", "n": counts})
 
 
-def _write_pair(folder: Path, id_: int, pair: CloudPair) -> None:
+def write_about(folder: Path, about: dict[str, Any]) -> None:
+    """Say what a set is made of."""
+    _write_json(folder / ABOUT, about, indent=1)
+
+
+def check_free(folder: Path) -> None:
+    """Refuse to write where something is already.
+
+    Raises:
+        PairSetError: the path is no folder, or one that holds something.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise PairSetError(f"{folder}: holds something already; choose an empty folder, or remove it")
+
+
+def _write_all(folder: Path, pairs: Iterable[tuple[str, CloudPair]], about: dict[str, Any]) -> None:
+    make_folders(folder)
+    ids: dict[str, list[int]] = {part: [] for part in PARTS}
+    for id_, (part, pair) in enumerate(pairs):
+        ids[part].append(id_)
+        write_pair(folder, id_, pair)
+    if not any(ids.values()):
+        raise PairSetError("there is no pair to write")
+    write_lists(folder, ids, about)
+
+
+def _write_json(path: Path, content: dict[str, Any], indent: int | None = None) -> None:
+    """Write a JSON file whole or not at all."""
+    unfinished = path.with_suffix(".unfinished")
+    unfinished.write_text(json.dumps(content, indent=indent))
+    os.replace(unfinished, path)
+
+
+def _record(pair: CloudPair) -> dict[str, Any]:
     translation = (pair.end_position - pair.start_position) * [1.0, 1.0, 0.0]
-    meta = {
+    return {
         "start_position": _column(pair.start_position),
         "end_position": _column(pair.end_position),
         "translation": _column(translation),
@@ -196,10 +236,6 @@ def _write_pair(folder: Path, id_: int, pair: CloudPair) -> None:
         "rel_angle": pair.end_angle - pair.start_angle,
         **pair.extra,
     }
-    (folder / "meta" / f"{id_:08d}.json").write_text(json.dumps(meta))
-    for name, cloud in (("pointcloud1", pair.source), ("pointcloud2", pair.target)):
-        np.save(folder / name / f"{id_:08d}.npy", cloud.astype(np.float32))
-    np.save(folder / "transform" / f"{id_:08d}.npy", pair.T_target_source)
 
 
 def _column(point: Point) -> str:
