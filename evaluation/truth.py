@@ -63,7 +63,7 @@ def true_velocities(
         exact: for `exact`, the simulator's poses by (track id, frame).
 
     Raises:
-        MissingDataError: world velocities without poses, or no exact poses.
+        MissingDataError: world velocities without poses, or no exact poses, or none in the world.
     """
     if frame_name == WORLD and any(frame.T_world_lidar is None for frame in frames):
         raise MissingDataError(
@@ -140,9 +140,13 @@ def _exact_centers(
     for key in keys:
         if key not in exact:
             raise MissingDataError(f"exact truth lacks track {key[0]} in frame {key[1]}")
-    world = np.array([exact[key].center_world for key in keys])
-    centers = world if frame_name == WORLD else np.array([exact[key].center_lidar for key in keys])
-    return centers, bool(np.ptp(world, axis=0).max() < 1e-6)
+    poses = [exact[key] for key in keys]
+    world = np.array([pose.center_world for pose in poses if pose.center_world is not None]).reshape(-1, 3)
+    is_known = len(world) == len(keys)
+    if frame_name == WORLD and not is_known:
+        raise MissingDataError("the exact truth knows no world, only the sensor's axes: ask for the sensor frame")
+    centers = world if frame_name == WORLD else np.array([pose.center_lidar for pose in poses])
+    return centers, is_known and bool(np.ptp(world, axis=0).max() < 1e-6)
 
 
 def _label_centers(track: _TrackBoxes, frame_name: str, smooth: bool) -> tuple[Centers, bool]:

@@ -3,7 +3,6 @@
 import json
 import os
 import sys
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -46,15 +45,52 @@ def demo(
 @app.command()
 def simulate(
     out: Annotated[Path, typer.Argument(help="the KITTI tracking folder to write")],
-    scene: Annotated[str, typer.Option(help="name of the scene")] = "street",
-    frames: Annotated[int, typer.Option(help="length, at 10 Hz")] = 100,
-    seed: Annotated[int, typer.Option(help="of the scene and its noise")] = 0,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="a scene of our own: urban (the default), highway, crossing, parked-row, roundabout, crowd"),
+    ] = None,
+    from_labels: Annotated[
+        Path | None, typer.Option(metavar="ROOT", help="play the labels of a KITTI tracking folder again instead")
+    ] = None,
+    sequence: Annotated[
+        list[str], typer.Option(help="of ROOT, names with commas, may be repeated; default: all. Of a scene: its name")
+    ] = [],  # noqa: B006 - typer makes a new list of it
+    frames: Annotated[int | None, typer.Option(help="length, at 10 Hz; default: 100, with labels all")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of shapes, scene and noise")] = 0,
+    beams: Annotated[str, typer.Option(help="the sensor: name of a beam model, or a table (.csv)")] = "HDL-64E",
+    box_jitter: Annotated[bool, typer.Option(help="let labels jitter like KITTI's; truth stays exact")] = False,
+    rolling_shutter: Annotated[
+        bool | None, typer.Option(help="let things move during a sweep; default: with labels, not in scenes")
+    ] = None,
+    occluders: Annotated[bool, typer.Option(help="hide objects whose labels say they are occluded")] = True,
+    jobs: Annotated[int, typer.Option(help="processes, with --from-labels; 0: one a core")] = 0,
 ) -> None:
-    """Ray-cast a traffic scene of our own into a KITTI tracking folder, with exact truth beside it.
+    """Ray-cast traffic into a KITTI tracking folder with exact truth: a scene of our own, or real labels.
 
-    Example: regmot simulate street-out --frames 100 --seed 1
+    A run that was interrupted goes on when the same command is run again.
+
+    Example: regmot simulate street-out --scene urban --frames 100 --seed 1
+    Example: regmot simulate kitti-sim --from-labels kitti/tracking --sequence 0006,0010
     """
-    _simulate(out, scene, frames, seed)
+    from tracker.simulation import LabelPlay
+
+    from . import simulations
+    from .console import messages, progress_bars
+
+    names, is_scene = _names(",".join(sequence)), from_labels is None
+    if scene is not None and not is_scene:
+        raise typer.BadParameter("--scene and --from-labels exclude each other")
+    if is_scene and len(names) > 1:
+        raise typer.BadParameter("a scene makes one --sequence")
+    is_rolling = not is_scene if rolling_shutter is None else rolling_shutter
+    recording = simulations.recording_of(beams, is_rolling, box_jitter)
+    with progress_bars() as progress:
+        if from_labels is None:
+            simulations.play_scene(out, scene, frames, seed, progress, ((*names, "0000")[0], recording))
+        else:
+            play = LabelPlay(seed, frames, occluders, recording)
+            simulations.play_labels(out, from_labels, names, play, progress, jobs)
+    messages.print(f"scans, labels and exact truth in {out}")
 
 
 @app.command()
@@ -163,27 +199,77 @@ def register(
 
 @app.command()
 def pairs(
-    name: Annotated[str, typer.Argument(help="kitti-tracklets-cars, kitti-tracklets-cars-persons; each also -hard")],
-    root: Annotated[Path, typer.Option(help="a KITTI tracking folder with scans")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="synth-cars, synth-cars-persons, synth-20, synth-20-others; kitti-like-cars, "
+            "kitti-like-cars-persons, kitti-tracklets-cars, kitti-tracklets-cars-persons: each also -hard"
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="the set's folder; must not hold anything yet")],
+    seed: Annotated[int, typer.Option(help="of a generated set")] = 0,
+    counts: Annotated[str, typer.Option(help="pairs to generate: train,val,test")] = "8000,1000,1000",
+    meshes: Annotated[Path | None, typer.Option(help="folder of meshes for synth-*; default: our own shapes")] = None,
+    jobs: Annotated[int, typer.Option(help="processes that generate; 0: one a core")] = 0,
+    root: Annotated[Path | None, typer.Option(help="kitti-tracklets-* need it: a KITTI folder with scans")] = None,
     sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
-    rule: Annotated[str, typer.Option(help="which part a pair belongs to: by track id, or by sequence")] = "id",
+    rule: Annotated[str, typer.Option(help="part of a pair of kitti-tracklets-*: by track id, or by sequence")] = "id",
 ) -> None:
-    """Write a set of cloud pairs from KITTI tracklets, in AlignNet-3D's format on disk.
+    """Write a set of cloud pairs with known motion, in AlignNet-3D's format on disk: generated, or cut from KITTI.
+
+    A generated set that was interrupted goes on when the same command is run again.
+
+    Example: regmot pairs synth-cars --out synth-cars --seed 1
 
     Example: regmot pairs kitti-tracklets-cars --root kitti/tracking --out pairs
     """
-    from registration.pair_set import PARTS, write_pair_set
-    from tracker.kitti import open_sequences
-    from tracker.pairs import kitti_pairs
+    from registration.pair_set import PARTS
 
+    from . import pair_sets
     from .console import messages, progress_bars
 
-    sequences = open_sequences(root, _names(",".join(sequence)))
-    about = {"name": name, "rule": rule, "sequences": [s.name for s in sequences]}
-    with TemporaryDirectory() as cache, progress_bars() as progress:
-        written = write_pair_set(out, kitti_pairs(name, sequences, Path(cache), rule, progress), about)
+    is_cut = pair_sets.is_cut_from_kitti(name)
+    if is_cut != (root is not None):
+        raise typer.BadParameter(
+            f"{name} {'needs --root: it is cut from KITTI scans' if is_cut else 'takes no --root'}"
+        )
+    if is_cut and meshes is not None:
+        raise typer.BadParameter(f"{name} takes no --meshes: it is cut from KITTI scans")
+    with progress_bars() as progress:
+        if root is not None:
+            written = pair_sets.cut(name, root, _names(",".join(sequence)), rule, out, progress)
+        else:
+            order = pair_sets.order_of(name, meshes, seed, counts)
+            written = pair_sets.generate(order, out, jobs, progress)
     messages.print(", ".join(f"{part}: {len(written.ids(part))}" for part in PARTS) + f" pairs in {out}")
+
+
+@app.command()
+def train(
+    recipe: Annotated[str, typer.Argument(help="a TOML file, or one of ours: paper, gpu, cpu, fine-tune")],
+    data: Annotated[list[Path], typer.Option(help="a set of pairs (see `regmot pairs`); may be repeated")],
+    out: Annotated[Path, typer.Option(help="where weights, log and state go; a training there goes on")],
+    settings: Annotated[
+        list[str], typer.Option("--set", help="a setting of the recipe, as training.epochs=3; may be repeated")
+    ] = [],  # noqa: B006 - typer makes a new list of it
+    start_from: Annotated[Path | None, typer.Option(help="weights to start from, to fine-tune them")] = None,
+    mirrored_angles: Annotated[bool, typer.Option(help="the sets hold the camera's angles, as released")] = False,
+) -> None:
+    """Train AlignNet by a recipe; run the same command again to go on with what was interrupted.
+
+    Example: regmot train cpu --data synth-cars --set training.epochs=20 --out alignnet-cars
+
+    On several GPUs: torchrun --nproc-per-node 4 -m regmot train gpu --data synth-cars --out alignnet-cars
+    """
+    from . import training
+    from .console import messages, print_table, progress_bars
+
+    plan = training.plan(recipe, settings, data, mirrored_angles)
+    with progress_bars() as progress:
+        path = training.run(plan, out, start_from, progress)
+    if training.is_first():
+        print_table(*training.table(path))
+        messages.print(f"weights in {path}")
 
 
 @app.command()
@@ -227,6 +313,38 @@ def splits(root: Root, classes: Classes = "Car,Van") -> None:
     counts = count_pairs(labels, _names(classes))
     body = [[c.split, str(c.total), str(c.within_80m), str(c.within_20m)] for c in counts]
     print_table(["split", "pairs", "<= 80 m", "<= 20 m"], body)
+
+
+@app.command()
+def realism(
+    root: Annotated[Path, typer.Argument(help="a KITTI tracking folder with labels and scans")],
+    sequence: Annotated[str, typer.Option(help="name of the sequence")] = "0000",
+    classes: Classes = "Car,Van",
+    simulated: Annotated[Path | None, typer.Option(help="the same sequence, simulated; default: made in OUT")] = None,
+    seed: Annotated[int, typer.Option(help="of the simulation")] = 0,
+    out: Annotated[Path, typer.Option(help="where the table, the picture and the simulation go")] = Path("realism"),
+) -> None:
+    """Compare real segments with simulated ones in the same boxes: points, rings, noise, gaps, registration errors.
+
+    Example: regmot realism kitti/tracking --sequence 0000 --out realism
+    """
+    from evaluation import realism as report
+    from evaluation.realism_plots import draw
+    from evaluation.report import table_cells
+
+    from .console import messages, print_table, progress_bars
+    from .simulations import LabelPlay, play_labels
+
+    with progress_bars() as progress:
+        if simulated is None:
+            simulated = out / "simulated"
+            play_labels(simulated, root, (sequence,), LabelPlay(seed), progress, 1)
+        sides = report.compare_folders(root, simulated, sequence, _names(classes), out / "tracklets", progress)
+    rows = report.table(*sides)
+    path = report.write(rows, root, simulated, sequence, out)
+    print_table([name for name, _, _ in report.TABLE], [table_cells(row, report.TABLE) for row in rows])
+    messages.print(f"rows in {path}")
+    messages.print(f"picture: {draw(*sides, out)}")
 
 
 @app.command()
@@ -287,15 +405,13 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _simulate(out: Path, scene: str, frames: int, seed: int) -> Path:
-    from tracker.simulation import create_scene
-    from tracker.simulation import simulate as write_scene
+    from tracker.simulation import Recording
 
+    from . import simulations
     from .console import messages, progress_bars
 
     with progress_bars() as progress:
-        write_scene(
-            create_scene(scene, seed, frames), out, seed=seed, progress=partial(progress, f"{scene}: casting rays")
-        )
+        simulations.play_scene(out, scene, frames, seed, progress, ("0000", Recording()))
     messages.print(f"scans, labels and exact truth in {out}")
     return out
 

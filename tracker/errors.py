@@ -34,3 +34,7 @@ class UnknownEstimatorError(TrackerError, LookupError):
 
 class InputError(TrackerError, ValueError):
     """An argument does not make sense; the message says what was expected and what came."""
+
+
+class AbruptEndError(TrackerError, RuntimeError):
+    """Processes that did the work were killed, or crashed in a library; what they finished is kept."""

@@ -14,21 +14,24 @@ from pykitti.utils import load_oxts_packets_and_poses
 from registration import se3
 from registration.synthetic.bodies import RigidBody, WalkingBody
 from registration.synthetic.cars import SEDAN, car
-from registration.synthetic.lidar import HDL_64E
+from registration.synthetic.lidar import HDL_64E, BeamModel
 from registration.synthetic.meshes import Material, box_mesh
 from tracker.boxes import points_in_boxes
 from tracker.errors import DataError, InputError
 from tracker.kitti import open_sequence, writer
-from tracker.kitti.calib import read_tracking_calib
+from tracker.kitti.calib import read_projection, read_tracking_calib
 from tracker.kitti.labels import read_labels
+from tracker.kitti.truth import COLUMNS
 from tracker.simulation import create_scene, simulate
-from tracker.simulation.folder import TRUTH_HEADER, ego_state, simulate_frame
+from tracker.simulation.folder import Recording, ego_state, simulate_frame
+from tracker.simulation.jitter import BoxJitter
 from tracker.simulation.scenes import Actor, Scene
 from tracker.simulation.street import street_scene
 from tracker.simulation.trajectories import Drive, EgoDrive, Speed, SpeedChange, Standing, curve_from_curvature
 from tracker.types import Box
 
-COARSE = dataclasses.replace(HDL_64E, name="coarse", elevations=HDL_64E.elevations[::4], azimuth_step=np.deg2rad(0.7))
+COARSE = BeamModel("coarse", HDL_64E.elevations[::4], float(np.deg2rad(0.7)))
+AS_COARSE = Recording(COARSE)
 GROUND_Z = -0.93
 STREET = street_scene(0)
 
@@ -52,7 +55,7 @@ def small_scene(n_frames: int = 3) -> Scene:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return simulate(small_scene(), tmp_path_factory.mktemp("kitti") / "out", beam_model=COARSE)
+    return simulate(small_scene(), tmp_path_factory.mktemp("kitti") / "out", recording=AS_COARSE)
 
 
 def read_truth(folder):
@@ -345,7 +348,7 @@ def test_truth_is_the_trajectory_to_the_last_digit(folder):
         assert row["yaw_world"] == pytest.approx(se3.yaw(T_world_obj), abs=1e-12)
         half_height = row["z_world"] - GROUND_Z
         assert half_height == pytest.approx(0.5 * (actor.body.size[2] + 0.05), abs=1e-12)
-    assert (folder / "training/truth/0000.csv").read_text().startswith(TRUTH_HEADER)
+    assert (folder / "training/truth/0000.csv").read_text().startswith(",".join(COLUMNS) + "\n")
 
 
 def test_a_label_keeps_its_size_while_the_person_walks(folder):
@@ -369,8 +372,8 @@ def files_below(folder):
 
 
 def test_the_same_seed_writes_the_same_bytes_and_another_seed_other_scans(folder, tmp_path):
-    again = simulate(small_scene(), tmp_path / "again", beam_model=COARSE)
-    other = simulate(small_scene(), tmp_path / "other", seed=1, beam_model=COARSE)
+    again = simulate(small_scene(), tmp_path / "again", recording=AS_COARSE)
+    other = simulate(small_scene(), tmp_path / "other", seed=1, recording=AS_COARSE)
     assert files_below(folder) == files_below(again)
     differing = {path.parts[1] for path, content in files_below(other).items()
                  if len(path.parts) > 1 and content != files_below(folder)[path]}  # fmt: skip
@@ -392,9 +395,9 @@ def test_each_frame_has_noise_of_its_own():
 
 
 def test_a_second_sequence_joins_the_first_and_a_new_run_replaces_the_old(folder, tmp_path):
-    out = simulate(small_scene(), tmp_path / "out", beam_model=COARSE)
-    simulate(small_scene(2), out, sequence="0001", beam_model=COARSE)
-    simulate(small_scene(1), out, sequence="0000", beam_model=COARSE)
+    out = simulate(small_scene(), tmp_path / "out", recording=AS_COARSE)
+    simulate(small_scene(2), out, sequence="0001", recording=AS_COARSE)
+    simulate(small_scene(1), out, sequence="0000", recording=AS_COARSE)
     assert len(list((out / "training/velodyne/0000").iterdir())) == 1
     assert len(open_sequence(out, "0000")) == 1
     assert len(open_sequence(out, "0001")) == 2
@@ -408,28 +411,99 @@ def test_an_interrupted_run_leaves_nothing_that_looks_like_a_sequence(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(small_scene(), tmp_path / "out", progress=stop, beam_model=COARSE)
+        simulate(small_scene(), tmp_path / "out", progress=stop, recording=AS_COARSE)
     assert not (tmp_path / "out/training").exists()
-    simulate(small_scene(1), tmp_path / "out", beam_model=COARSE)
+    simulate(small_scene(1), tmp_path / "out", recording=AS_COARSE)
     assert len(open_sequence(tmp_path / "out", "0000")) == 1
 
 
 def test_progress_is_told_after_each_frame(tmp_path):
     told = []
-    simulate(small_scene(2), tmp_path / "out", progress=lambda *counts: told.append(counts), beam_model=COARSE)
+    simulate(small_scene(2), tmp_path / "out", progress=lambda *counts: told.append(counts), recording=AS_COARSE)
     assert told == [(1, 2), (2, 2)]
 
 
 def test_somebody_elses_folder_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(DataError, match="no simulation has written"):
-        simulate(small_scene(1), tmp_path, beam_model=COARSE)
+        simulate(small_scene(1), tmp_path, recording=AS_COARSE)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 def test_a_foreign_record_and_a_strange_name_are_refused(tmp_path):
     (tmp_path / "simulation.json").write_text('{"format": 99}')
     with pytest.raises(DataError, match="record of format 1"):
-        simulate(small_scene(1), tmp_path, beam_model=COARSE)
+        simulate(small_scene(1), tmp_path, recording=AS_COARSE)
     with pytest.raises(InputError, match="letters and digits"):
-        simulate(small_scene(1), tmp_path / "out", sequence="../0000", beam_model=COARSE)
+        simulate(small_scene(1), tmp_path / "out", sequence="../0000", recording=AS_COARSE)
+
+
+# --- how a scene is recorded
+
+
+def test_with_a_rolling_shutter_labels_and_truth_are_where_the_beams_meet_things():
+    scene = small_scene()
+    simulated = simulate_frame(scene, 1, beam_model=COARSE, rolling_shutter=True)
+    boxes = {box.track_id: box for box in simulated.boxes}
+    met = dict(zip(boxes, simulated.box_times, strict=True))
+    ahead, behind = boxes[3], boxes[7]
+    assert met[3] == pytest.approx(0.1, abs=0.003)
+    x, y, _ = behind.center_lidar
+    # Clockwise from ahead: what is behind to the left comes before the head points forward.
+    assert met[7] == pytest.approx(0.1 - 0.1 * np.arctan2(y, x) / (2 * np.pi), abs=1e-4)
+    rows = points_in_boxes(simulated.sweep.points_lidar, [ahead, behind])
+    for index, row in zip((0, 1), rows, strict=True):
+        own = simulated.sweep.object_index == index
+        assert own[row].sum() >= 0.95 * own.sum() > 5
+
+
+def test_a_rolling_shutter_is_recorded_with_exact_world_truth(tmp_path):
+    out = simulate(small_scene(2), tmp_path / "out", recording=Recording(COARSE, rolling_shutter=True))
+    rows, scene = read_truth(out), small_scene(2)
+    standing = scene.actors[1].T_world_obj(0.0)
+    for frame in range(2):
+        np.testing.assert_allclose([rows[frame, 7]["x_world"], rows[frame, 7]["y_world"]], standing[:2, 3], atol=1e-9)
+    assert json.loads((out / "simulation.json").read_text())["sequences"]["0000"]["rolling_shutter"] is True
+
+
+def test_jittered_labels_leave_scans_and_truth_as_they_are(folder, tmp_path):
+    out = simulate(small_scene(), tmp_path / "out", recording=Recording(COARSE, box_jitter=BoxJitter()))
+    exact = files_below(folder)
+    differing = {str(path) for path, content in files_below(out).items() if content != exact[path]}
+    assert differing == {"simulation.json", "training/label_02/0000.txt"}
+
+
+def test_another_scene_of_the_same_name_does_not_go_on_with_what_one_left(tmp_path):
+    def stop(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(small_scene(), tmp_path / "out", progress=stop, recording=AS_COARSE)
+    scene = small_scene()
+    fewer = dataclasses.replace(scene, actors=scene.actors[:2])
+    told = []
+    simulate(fewer, tmp_path / "out", progress=lambda *counts: told.append(counts), recording=AS_COARSE)
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert {box.track_id for box in open_sequence(tmp_path / "out", "0000").boxes_of(1)} == {3, 7}
+
+
+def test_a_seed_below_zero_is_refused(tmp_path):
+    with pytest.raises(InputError, match="seed >= 0"):
+        simulate(small_scene(1), tmp_path / "out", seed=-1, recording=AS_COARSE)
+
+
+def test_image_boxes_follow_the_camera_that_is_given(tmp_path):
+    box = Box(0, "Car", se3.from_yaw(0.3, np.array([20.0, 0.0, -0.9])), np.array([4.0, 1.7, 1.5]))
+
+    def width(focal):
+        P = np.array([[focal, 0.0, 600.0, 0.0], [0.0, focal, 180.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+        words = writer.format_label(box, 0, writer.SIMULATED_CALIBRATION, P).split()
+        return float(words[8]) - float(words[6])
+
+    assert width(800.0) == pytest.approx(2.0 * width(400.0), rel=1e-6)
+    path = tmp_path / "calib.txt"
+    path.write_text(writer.format_calib(writer.SIMULATED_CALIBRATION))
+    assert read_projection(path)[0, 0] == 720.0
+    path.write_text("R0_rect: 1 0 0 0 1 0 0 0 1\n")
+    assert read_projection(path) is None

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from registration.method import prepare_seen_from
 from registration.types import RegistrationMethod, RegistrationResult
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.smoothing import Smoothing, WindowMean
@@ -32,7 +33,8 @@ class RegistrationEstimator(FrameEstimator):
 
     def measure(self, sightings: Mapping[int, Sighting]) -> dict[int, Measurement]:
         """Prepare all segments, align those that have a predecessor."""
-        prepared = self.method.prepare([sighting.points for sighting in sightings.values()])
+        seen = list(sightings.values())
+        prepared = prepare_seen_from(self.method, [s.points for s in seen], [s.sensor for s in seen])
         current = dict(zip(sightings, zip(sightings.values(), prepared, strict=True), strict=True))
         known = [track_id for track_id in current if track_id in self._previous]
         pairs = [(self._previous[track_id][1], current[track_id][1]) for track_id in known]

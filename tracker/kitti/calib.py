@@ -48,6 +48,18 @@ def read_tracking_calib(path: Path) -> Calibration:
     return Calibration(T_cam_lidar, _rigid(path, entries, _IMU_TO_LIDAR) if has_imu else None)
 
 
+def read_projection(path: Path, camera: int = 2) -> Float64[np.ndarray, "3 4"] | None:
+    """Read what takes rectified camera 0's axes to a camera's pixels; None where the file does not say.
+
+    Raises:
+        MissingDataError: there is no such file.
+        DataError: the matrix is not made of 12 numbers.
+    """
+    entries = _read_entries(path)
+    key = f"P{camera}"
+    return _matrix(path, entries, (key,), (3, 4)) if key in entries else None
+
+
 def read_raw_imu(folder: Path) -> Transform | None:
     """Read T_lidar_imu from `calib_imu_to_velo.txt` of a raw day; None where there is no such file.
 

@@ -84,11 +84,19 @@ def _projection(camera: int) -> Float64[np.ndarray, "3 4"]:
     return np.column_stack([K, [-_FOCAL * _BASELINES[camera], 0.0, 0.0]])
 
 
-def format_label(box: Box, frame: int, calibration: Calibration) -> str:
+def format_label(
+    box: Box, frame: int, calibration: Calibration, projection: Float64[np.ndarray, "3 4"] | None = None
+) -> str:
     """Write a box as a row of `label_02/NNNN.txt`.
 
     KITTI's boxes stand upright in the camera's axes: the row keeps centre, size and heading and loses the lean.
     A box that leaves the image is truncated (1), one outside it wholly so (2), and has no image box (-1).
+
+    Args:
+        box: what is written.
+        frame: its number.
+        calibration: where the sensors sit.
+        projection: from rectified camera 0 to the pixels of camera 2; None for that of our own cameras.
     """
     R_cam_obj = calibration.T_cam_lidar[:3, :3] @ box.T_lidar_obj[:3, :3]
     center_cam = se3.transform(calibration.T_cam_lidar, box.center_lidar[None])[0]
@@ -96,17 +104,18 @@ def format_label(box: Box, frame: int, calibration: Calibration) -> str:
     alpha = _wrapped(rotation_y - float(np.arctan2(center_cam[0], center_cam[2])))
     length, width, height = box.size
     bottom_cam = center_cam + [0.0, 0.5 * height, 0.0]
-    truncation, image_box = _image_box(se3.transform(calibration.T_cam_lidar, box.corners_lidar))
+    corners_cam = se3.transform(calibration.T_cam_lidar, box.corners_lidar)
+    truncation, image_box = _image_box(corners_cam, _projection(2) if projection is None else projection)
     numbers = [alpha, *image_box, height, width, length, *bottom_cam, rotation_y]
     head = f"{frame} {box.track_id} {box.class_name} {truncation} {box.occlusion}"
     return f"{head} {' '.join(f'{number:.6f}' for number in numbers)}\n"
 
 
-def _image_box(corners_cam: Points) -> tuple[int, Float64[np.ndarray, "4"]]:
+def _image_box(corners_cam: Points, projection: Float64[np.ndarray, "3 4"]) -> tuple[int, Float64[np.ndarray, "4"]]:
     """Find the upright box around eight corners in the image of camera 2 [px], and how truncated it is."""
     if corners_cam[:, 2].min() < 0.1:
         return 2, np.full(4, -1.0)
-    pixels = np.column_stack([corners_cam, np.ones(8)]) @ _projection(2).T
+    pixels = np.column_stack([corners_cam, np.ones(8)]) @ projection.T
     pixels = pixels[:, :2] / pixels[:, 2:]
     limit = np.array([IMAGE_WIDTH - 1.0, IMAGE_HEIGHT - 1.0])
     low, high = pixels.min(axis=0), pixels.max(axis=0)

@@ -35,7 +35,7 @@ def street_background(street: Curve, junction: float, ground_z: float, rng: np.r
     return merge(parts).moved(se3.from_yaw(0.0, np.array([0.0, 0.0, ground_z])))
 
 
-def _pose_beside(street: Curve, s: float, offset: float) -> Transform:
+def pose_beside(street: Curve, s: float, offset: float) -> Transform:
     """Stand at s, `offset` to the left of the street, facing along it."""
     yaw = street.yaw(s)
     x, y = street.position(s) + offset * np.array([-np.sin(yaw), np.cos(yaw)])
@@ -50,10 +50,25 @@ def _kerbs(street: Curve, junction: float, offset: float) -> list[Mesh]:
 
 
 def _kerb(street: Curve, s: Float64[np.ndarray, " k"], offset: float) -> Mesh:
-    y, z = 0.5 * KERB_WIDTH, KERB_HEIGHT
-    section = np.array([[0.0, -y, 0.0], [0.0, y, 0.0], [0.0, y, z], [0.0, -y, z]])
-    rings = np.stack([se3.transform(_pose_beside(street, float(at), offset), section) for at in s])
-    return loft(rings, int(Material.MASONRY))
+    return bar(street, s, offset, (0.0, KERB_HEIGHT, KERB_WIDTH), Material.MASONRY)
+
+
+def bar(
+    line: Curve, s: Float64[np.ndarray, " k"], offset: float, section: tuple[float, float, float], material: Material
+) -> Mesh:
+    """Stretch a bar along a line, `offset` to its left: a kerb, a wall, a rail.
+
+    Args:
+        line: what it follows.
+        s: arc lengths of its corners, at least 2 [m].
+        offset: of its middle [m].
+        section: heights of its lower and upper edge, and its width [m].
+        material: of all of it.
+    """
+    bottom, top, y = section[0], section[1], 0.5 * section[2]
+    corners = np.array([[0.0, -y, bottom], [0.0, y, bottom], [0.0, y, top], [0.0, -y, top]])
+    rings = np.stack([se3.transform(pose_beside(line, float(at), offset), corners) for at in s])
+    return loft(rings, int(material))
 
 
 def _houses(street: Curve, junction: float, offset: float, away: float, rng: np.random.Generator) -> list[Mesh]:
@@ -66,16 +81,16 @@ def _houses(street: Curve, junction: float, offset: float, away: float, rng: np.
         if s < before_junction < s + length:
             length = max(before_junction - s, 1.0)
         middle = s + 0.5 * length
-        T_world_front = _pose_beside(street, float(middle), offset + away * float(setback))
+        T_world_front = pose_beside(street, float(middle), offset + away * float(setback))
         turned = T_world_front if away > 0 else T_world_front @ se3.from_yaw(np.pi, np.zeros(3))
-        houses.append(_house(float(length), float(height)).moved(turned))
+        houses.append(house(float(length), float(height)).moved(turned))
         s += float(length) + gap
         if before_junction - 1e-6 <= s < junction + JUNCTION_HALF_WIDTH + 1.5:
             s = junction + JUNCTION_HALF_WIDTH + 1.5
     return houses
 
 
-def _house(length: float, height: float, depth: float = 10.0) -> Mesh:
+def house(length: float, height: float, depth: float = 10.0) -> Mesh:
     """Build a house behind its front, which is the plane y = 0, looking towards -y."""
     walls = box_mesh(np.array([length, depth, height]), Material.MASONRY)
     walls = walls.moved(se3.from_yaw(0.0, np.array([0.0, 0.5 * depth, 0.0])))
@@ -92,13 +107,13 @@ def _posts(street: Curve, junction: float, offset: float, rng: np.random.Generat
     positions = np.arange(float(street.s[0]) + 3.0, float(street.s[-1]) - 3.0, 12.0)
     for i, s in enumerate(positions + rng.uniform(-2.0, 2.0, len(positions))):
         is_clear = abs(s - junction) > JUNCTION_HALF_WIDTH + 3.0
-        post = _tree(rng) if i % 2 else cylinder(0.08, 6.0, Material.METAL, n_sides=8)
+        post = tree(rng) if i % 2 else cylinder(0.08, 6.0, Material.METAL, n_sides=8)
         if is_clear:
-            posts.append(post.moved(_pose_beside(street, float(s), offset)))
+            posts.append(post.moved(pose_beside(street, float(s), offset)))
     return posts
 
 
-def _tree(rng: np.random.Generator) -> Mesh:
+def tree(rng: np.random.Generator) -> Mesh:
     """Grow a small street tree."""
     radius, height = rng.uniform([1.0, 3.6], [1.6, 4.6])
     crown = ellipsoid(np.array([0.0, 0.0, height]), np.array([radius, radius, 1.2 * radius]), Material.FOLIAGE)

@@ -1,38 +1,58 @@
 """Scenes become KITTI tracking folders: scans ray-cast, labels, GPS/IMU records, and the exact truth beside them."""
 
+import hashlib
 import json
-import os
-import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
-from importlib import metadata
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from registration import se3
-from registration.errors import unknown_name
-from registration.synthetic.lidar import HDL_64E, BeamModel, PlacedMesh, Sweep, scan
-from registration.synthetic.meshes import Material, box_mesh
-from registration.types import Transform
-from tracker.errors import DataError, InputError
-from tracker.files import UNFINISHED, write_whole
+from registration.synthetic.lidar import HDL_64E, BeamModel, PlacedMesh, Sweep, Turn, scan, twist_between
+from registration.synthetic.meshes import Material, Mesh, box_mesh
+from registration.types import Point, Transform
+from tracker.errors import InputError
 from tracker.kitti import writer
-from tracker.kitti.truth import COLUMNS
+from tracker.kitti.truth import format_header, format_truth
+from tracker.simulation.jitter import BoxJitter, jittered
+from tracker.simulation.recorder import record
+from tracker.simulation.recording import TakenFrame
 from tracker.simulation.scenes import Actor, Scene
-from tracker.simulation.street import street_scene
 from tracker.types import Box
 
-FORMAT = 1
-RECORD = "simulation.json"  # says that a folder is ours, and what is in it
 LABEL_RANGE = 80.0  # boxes farther away get no label, horizontally [m]
+STEP = 1e-3  # of differences that stand for derivatives [s]
 AIR = 0.05  # that a label leaves on each side and on top, as annotators do; its bottom is the ground [m]
-TRUTH_HEADER = ",".join(COLUMNS) + "\n"
-
-# A scene by name: a function of a seed and a number of frames.
-SCENES: dict[str, Callable[[int, int], Scene]] = {"street": street_scene}
 
 Progress = Callable[[int, int], None]  # called with the number of frames done, and of all
+
+
+@dataclass(frozen=True)
+class Recording:
+    """How a scene is recorded.
+
+    Attributes:
+        beam_model: the sensor.
+        rolling_shutter: a sweep takes its time, and things move meanwhile; otherwise it is taken at one moment.  Labels
+            and truth are then of the moment at which the beams meet each object, as people label what they see.
+        box_jitter: how far the labels lie off the truth, None for exact ones; `truth` is exact in any case.
+    """
+
+    beam_model: BeamModel = HDL_64E
+    rolling_shutter: bool = False
+    box_jitter: BoxJitter | None = None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What a simulation's record says of it."""
+        return {
+            "beam_model": self.beam_model.name,
+            "beam_digest": digest(json.dumps(asdict(self.beam_model), default=_plain).encode()),
+            "rolling_shutter": self.rolling_shutter,
+            "box_jitter": None if self.box_jitter is None else asdict(self.box_jitter),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,24 +61,15 @@ class SimulatedFrame:
 
     Attributes:
         sweep: the returns; `object_index` counts the scene's actors, then the background.
-        boxes: of the actors that are labelled, in the scene's order.
-        T_world_lidar: pose of the sensor.
+        boxes: of the actors that are labelled, in the scene's order; each where the beams meet it.
+        box_times: when they do [s].
+        T_world_lidar: pose of the sensor when the beams point forward.
     """
 
     sweep: Sweep
     boxes: tuple[Box, ...]
+    box_times: tuple[float, ...]
     T_world_lidar: Transform
-
-
-def create_scene(name: str = "street", seed: int = 0, n_frames: int = 100) -> Scene:
-    """Set one of the scenes that we have.
-
-    Raises:
-        InputError: no scene has this name, or the scene is not that long.
-    """
-    if name not in SCENES:
-        raise InputError(unknown_name("scene", name, SCENES))
-    return SCENES[name](seed, n_frames)
 
 
 def simulate(
@@ -67,13 +78,14 @@ def simulate(
     sequence: str = "0000",
     seed: int = 0,
     progress: Progress | None = None,
-    beam_model: BeamModel = HDL_64E,
+    recording: Recording = Recording(),
 ) -> Path:
     """Ray-cast a scene and write it as a sequence of a KITTI tracking folder.
 
     Everything lies below `out/training`: `velodyne`, `label_02`, `calib`, `oxts`, `times` as KITTI's, and
     `truth/NNNN.csv` with the exact poses of the centres of all labelled boxes.  The sequence is written beside its
-    place and moved there when it is complete; one of the same name from an earlier simulation is replaced.
+    place and moved there when it is complete; one of the same name from an earlier simulation is replaced.  An
+    interrupted run of the same scene, seed and recording goes on where it stopped.
 
     Args:
         scene: what there is to see.
@@ -81,7 +93,7 @@ def simulate(
         sequence: name of the sequence in it.
         seed: of the sensor's noise; every frame has random numbers of its own, whatever came before it.
         progress: called after each frame.
-        beam_model: the sensor.
+        recording: with which sensor, and how it is labelled.
 
     Returns:
         `out`.
@@ -91,24 +103,65 @@ def simulate(
         InputError: the sequence's name is no plain word.
         MissingLibraryError: Open3D cannot be imported.
     """
-    if not sequence.replace("-", "").replace("_", "").isalnum():
-        raise InputError(f"a sequence's name is made of letters and digits, got {sequence!r}")
-    sequences = _open_record(out)
-    unfinished = out / f"{UNFINISHED}-{sequence}"
-    shutil.rmtree(unfinished, ignore_errors=True)
-    try:
-        _write_sequence(scene, unfinished, sequence, seed, progress, beam_model)
-        _move_into_place(unfinished, out / "training")
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-    sequences[sequence] = {
-        "scene": scene.name, "n_frames": scene.n_frames, "seed": seed, "beam_model": beam_model.name,
-    }  # fmt: skip
-    _write_record(out, sequences)
-    return out
+    take = SceneTake(scene, seed, recording)
+    told = None if progress is None else lambda name, done, total: progress(done, total)
+    return record({sequence: lambda: take}, out, told)
 
 
-def simulate_frame(scene: Scene, frame: int, seed: int = 0, beam_model: BeamModel = HDL_64E) -> SimulatedFrame:
+@dataclass(frozen=True)
+class SceneTake:
+    """A scene as a sequence to be written."""
+
+    scene: Scene
+    seed: int
+    recording: Recording
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"expected a seed >= 0, got {self.seed}")
+
+    @property
+    def n_frames(self) -> int:
+        """Number of its frames."""
+        return self.scene.n_frames
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that decides what it looks like."""
+        content = {"scene": self.scene.name, "scene_digest": _fingerprint(self.scene), "n_frames": self.n_frames}
+        return {**content, "seed": self.seed, **self.recording.settings}
+
+    @property
+    def heads(self) -> dict[str, str]:
+        """How each of its text files starts."""
+        calib = writer.format_calib(self.scene.calibration)
+        return {"calib": calib, "truth": format_header(has_world=True), "label_02": "", "oxts": "", "times": ""}
+
+    def frame(self, index: int) -> TakenFrame:
+        """Make one frame."""
+        recording, time = self.recording, index * self.scene.period
+        simulated = simulate_frame(self.scene, index, self.seed, recording.beam_model, recording.rolling_shutter)
+        labels = label_boxes(simulated.boxes, index, recording.box_jitter, (self.seed,))
+        rows = {
+            "label_02": "".join(writer.format_label(box, index, self.scene.calibration) for box in labels),
+            "truth": "".join(
+                format_truth(index, [box], self.scene.T_world_lidar(met))
+                for box, met in zip(simulated.boxes, simulated.box_times, strict=True)
+            ),
+            "oxts": writer.format_oxts(ego_state(self.scene, time)),
+            "times": writer.format_time(round(time * 1e9)),
+        }
+        return TakenFrame(simulated.sweep.points_lidar, simulated.sweep.intensity, rows)
+
+
+def label_boxes(boxes: tuple[Box, ...], frame: int, jitter: BoxJitter | None, seed: tuple[int, ...]) -> tuple[Box, ...]:
+    """Give the boxes that become labels: the exact ones, or what a person would draw."""
+    return boxes if jitter is None else tuple(jittered(box, frame, jitter, seed) for box in boxes)
+
+
+def simulate_frame(
+    scene: Scene, frame: int, seed: int = 0, beam_model: BeamModel = HDL_64E, rolling_shutter: bool = False
+) -> SimulatedFrame:
     """Ray-cast one sweep of a scene, and box what it sees.
 
     Args:
@@ -116,22 +169,50 @@ def simulate_frame(scene: Scene, frame: int, seed: int = 0, beam_model: BeamMode
         frame: number of the sweep.
         seed: of the sensor's noise.
         beam_model: the sensor.
+        rolling_shutter: let the actors and the sensor move during the sweep.
     """
     t = frame * scene.period
     T_world_lidar = scene.T_world_lidar(t)
     T_lidar_world = se3.invert(T_world_lidar)
     objects = [PlacedMesh(actor.mesh(t), T_lidar_world @ actor.T_world_obj(t)) for actor in scene.actors]
     objects.append(PlacedMesh(scene.background, T_lidar_world))
+    if rolling_shutter:
+        objects = _moving(scene, objects, t)
     rng = np.random.default_rng([seed, frame])
     sweep = scan(objects, beam_model, rng, _ground(scene, T_world_lidar, beam_model))
     n_returns = np.bincount(sweep.object_index[sweep.object_index >= 0], minlength=len(objects))
-    boxes = [_box(actor, t, T_lidar_world) for actor in scene.actors]
-    labelled = tuple(
-        box
-        for box, n in zip(boxes, n_returns, strict=False)  # the background has returns, but no box
-        if n > 0 and np.hypot(*box.center_lidar[:2]) < LABEL_RANGE
-    )
-    return SimulatedFrame(sweep, labelled, T_world_lidar)
+    met = [_time_met(scene, actor, t, beam_model) if rolling_shutter else t for actor in scene.actors]
+    boxes = [_box(actor, at, se3.invert(scene.T_world_lidar(at))) for actor, at in zip(scene.actors, met, strict=True)]
+    labelled = [
+        i
+        for i, box in enumerate(boxes)  # the background, the last of all, has returns but no box
+        if n_returns[i] > 0 and np.hypot(*box.center_lidar[:2]) < LABEL_RANGE
+    ]
+    return SimulatedFrame(sweep, tuple(boxes[i] for i in labelled), tuple(met[i] for i in labelled), T_world_lidar)
+
+
+def time_passed(beam_model: BeamModel, center_lidar: Point) -> float:
+    """Tell when the beams pass a place, after the moment at which they point forward [s]."""
+    sense = -1.0 if beam_model.turn is Turn.CLOCKWISE else 1.0
+    return float(sense * np.arctan2(center_lidar[1], center_lidar[0])) / (2.0 * np.pi) * beam_model.period
+
+
+def _time_met(scene: Scene, actor: Actor, t: float, beam_model: BeamModel) -> float:
+    """Tell when the beams of the sweep at t meet an actor [s]."""
+    met = t
+    for _ in range(2):  # it moves on while they turn to it, but little
+        T_lidar_obj = se3.invert(scene.T_world_lidar(met)) @ actor.T_world_obj(met)
+        met = t + time_passed(beam_model, T_lidar_obj[:3, 3])
+    return met
+
+
+def _moving(scene: Scene, objects: list[PlacedMesh], t: float) -> list[PlacedMesh]:
+    """Give the scene's objects, of which the background is the last, their motions relative to the sensor."""
+    T_before, T_after = (se3.invert(scene.T_world_lidar(t + dt)) for dt in (-STEP, STEP))
+    poses = [(actor.T_world_obj(t - STEP), actor.T_world_obj(t + STEP)) for actor in scene.actors]
+    poses.append((np.eye(4), np.eye(4)))
+    twists = [twist_between(T_before @ before, T_after @ after, 2.0 * STEP) for before, after in poses]
+    return [placed._replace(twist_lidar=twist) for placed, twist in zip(objects, twists, strict=True)]
 
 
 def _ground(scene: Scene, T_world_lidar: Transform, beam_model: BeamModel) -> PlacedMesh:
@@ -153,74 +234,38 @@ def _box(actor: Actor, t: float, T_lidar_world: Transform) -> Box:
 
 def ego_state(scene: Scene, t: float) -> writer.EgoState:
     """Measure the ego car's motion at time t, by central differences of its pose."""
-    step = 1e-3
-    before, now, after = (scene.T_world_imu(t + dt) for dt in (-step, 0.0, step))
-    turn = (before[:3, :3].T @ after[:3, :3]) / (2.0 * step)
+    before, now, after = (scene.T_world_imu(t + dt) for dt in (-STEP, 0.0, STEP))
+    turn = (before[:3, :3].T @ after[:3, :3]) / (2.0 * STEP)
     return writer.EgoState(
         T_world_imu=now,
-        velocity_world=(after[:3, 3] - before[:3, 3]) / (2.0 * step),
-        acceleration_world=(after[:3, 3] - 2.0 * now[:3, 3] + before[:3, 3]) / step**2,
+        velocity_world=(after[:3, 3] - before[:3, 3]) / (2.0 * STEP),
+        acceleration_world=(after[:3, 3] - 2.0 * now[:3, 3] + before[:3, 3]) / STEP**2,
         rate_imu=0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]),
     )
 
 
-def _write_sequence(
-    scene: Scene, folder: Path, sequence: str, seed: int, progress: Progress | None, beam_model: BeamModel
-) -> None:
-    """Write all files of a sequence below `folder`."""
-    labels, truth, records, times = [], [TRUTH_HEADER], [], []
-    for frame in range(scene.n_frames):
-        simulated = simulate_frame(scene, frame, seed, beam_model)
-        path = folder / "velodyne" / sequence / f"{frame:06d}.bin"
-        writer.write_scan(path, simulated.sweep.points_lidar, simulated.sweep.intensity)
-        labels += [writer.format_label(box, frame, scene.calibration) for box in simulated.boxes]
-        truth += [_truth_row(frame, box, simulated.T_world_lidar) for box in simulated.boxes]
-        records.append(writer.format_oxts(ego_state(scene, frame * scene.period)))
-        times.append(writer.format_time(round(frame * scene.period * 1e9)))
-        if progress is not None:
-            progress(frame + 1, scene.n_frames)
-    texts = {"label_02": labels, "oxts": records, "times": times}
-    for name, rows in texts.items():
-        write_whole(folder / name / f"{sequence}.txt", "".join(rows))
-    write_whole(folder / "calib" / f"{sequence}.txt", writer.format_calib(scene.calibration))
-    write_whole(folder / "truth" / f"{sequence}.csv", "".join(truth))
+def digest(*contents: bytes) -> str:
+    """Give a short name to contents: other ones have another, for all that is likely."""
+    total = hashlib.sha256()
+    for content in contents:
+        total.update(hashlib.sha256(content).digest())
+    return total.hexdigest()[:16]
 
 
-def _truth_row(frame: int, box: Box, T_world_lidar: Transform) -> str:
-    """Write where a box exactly is, in the world and for the sensor; every digit of the numbers."""
-    T_world_box = T_world_lidar @ box.T_lidar_obj
-    pose = [*T_world_box[:3, 3], se3.yaw(T_world_box), *box.center_lidar, box.yaw_lidar]
-    return f"{frame},{box.track_id},{box.class_name},{','.join(repr(float(value)) for value in pose)}\n"
+def _plain(array: np.ndarray) -> list[Any]:
+    return array.tolist()
 
 
-def _open_record(out: Path) -> dict[str, object]:
-    """Read what simulations have left in a folder, by sequence, or start a record in an empty one."""
-    path = out / RECORD
-    if path.is_file():
-        try:
-            record = json.loads(path.read_text())
-        except ValueError as error:
-            raise DataError(path, f"expected a simulation's record (JSON), got {error}") from None
-        if not isinstance(record, dict) or record.get("format") != FORMAT:
-            raise DataError(path, f"expected a simulation's record of format {FORMAT}")
-        return dict(record.get("sequences", {}))
-    leftover = RECORD + UNFINISHED  # of a run that was killed
-    if out.exists() and (not out.is_dir() or any(path.name != leftover for path in out.iterdir())):
-        raise DataError(out, "holds something that no simulation has written; choose an empty folder")
-    _write_record(out, {})
-    return {}
+def _fingerprint(scene: Scene) -> str:
+    """Tell scenes apart by what they show at their start, their middle and their end."""
+    contents = [_mesh_bytes(scene.background)]
+    for t in np.array([0.0, 0.5, 1.0]) * (scene.n_frames - 1) * scene.period:
+        contents.append(scene.T_world_imu(float(t)).tobytes())
+        for actor in scene.actors:
+            place = actor.T_world_obj(float(t)).tobytes()
+            contents += [f"{actor.track_id} {actor.class_name}".encode(), place, _mesh_bytes(actor.mesh(float(t)))]
+    return digest(*contents)
 
 
-def _write_record(out: Path, sequences: dict[str, object]) -> None:
-    record = {"format": FORMAT, "version": metadata.version("regmot"), "sequences": sequences}
-    write_whole(out / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
-
-
-def _move_into_place(unfinished: Path, training: Path) -> None:
-    """Move a complete sequence to where readers look, the labels last: they make it a sequence."""
-    for piece in sorted(unfinished.glob("*/*"), key=lambda piece: piece.parent.name == "label_02"):
-        target = training / piece.parent.name / piece.name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if target.is_dir():
-            shutil.rmtree(target)
-        os.replace(piece, target)
+def _mesh_bytes(mesh: Mesh) -> bytes:
+    return mesh.vertices.tobytes() + mesh.triangles.tobytes() + mesh.material.tobytes()

@@ -121,7 +121,7 @@ def _street(length: float) -> Curve:
 
 
 def _lane(street: Curve, offset: float) -> Curve:
-    return street.beside(lambda s: np.full(len(s), offset))
+    return street.parallel(offset)
 
 
 def _ego_speed() -> Speed:

@@ -11,75 +11,14 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from registration import se3
 from registration.types import Transform
-from tracker.errors import InputError
+from tracker.simulation.speeds import Speed, SpeedChange, SpeedProfile
 from tracker.types import Vector2
 
+__all__ = [
+    "Curve", "Drive", "EgoDrive", "Motion", "Speed", "SpeedChange", "SpeedProfile", "Standing", "curve_from_curvature",
+]  # fmt: skip
+
 SPACING = 0.1  # between the knots of a curve [m]
-RAMP = 0.8  # time in which an acceleration builds up and fades [s]
-_LONG_BEFORE, _LONG_AFTER = -60.0, 3600.0  # speeds are known between these times [s]
-
-
-@dataclass(frozen=True, slots=True)
-class SpeedChange:
-    """From `start` on, for `duration`, the speed changes by `amount` [s, s, m/s]."""
-
-    start: float
-    duration: float
-    amount: float
-
-
-@dataclass(frozen=True)
-class Speed:
-    """A speed over time whose acceleration is continuous: it ramps up, holds and ramps down in each change.
-
-    Attributes:
-        initial: before the first change [m/s].
-        changes: in any order; those that overlap add up.
-    """
-
-    initial: float
-    changes: tuple[SpeedChange, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self._speed(self._acceleration.x).min() < -1e-9:
-            raise InputError("a simulated speed must never be negative: nothing drives backwards")
-
-    def distance(self, t: float) -> float:
-        """Way since time 0 [m]."""
-        return float(self._distance(t) - self._distance(0.0))
-
-    def speed(self, t: float) -> float:
-        """Speed at time t [m/s]."""
-        return float(self._speed(t))
-
-    def acceleration(self, t: float) -> float:
-        """Acceleration along the way at time t [m/s^2]."""
-        return float(self._acceleration(t))
-
-    @cached_property
-    def _acceleration(self) -> PPoly:
-        shapes = [_trapezoid(change) for change in self.changes]
-        knots = np.unique(np.concatenate([[_LONG_BEFORE, _LONG_AFTER], *(times for times, _ in shapes)]))
-        values = sum((np.interp(knots, *shape) for shape in shapes), np.zeros(len(knots)))
-        return PPoly(np.stack([np.diff(values) / np.diff(knots), values[:-1]]), knots)
-
-    @cached_property
-    def _speed(self) -> PPoly:
-        speed = self._acceleration.antiderivative()
-        speed.c[-1] += self.initial
-        return speed
-
-    @cached_property
-    def _distance(self) -> PPoly:
-        return self._speed.antiderivative()
-
-
-def _trapezoid(change: SpeedChange) -> tuple[Float64[np.ndarray, "4"], Float64[np.ndarray, "4"]]:
-    """Give the corners of a change's acceleration over time."""
-    ramp = min(RAMP, 0.5 * change.duration)
-    peak = change.amount / (change.duration - ramp)
-    steps = np.array([0.0, max(ramp, 1e-9), max(change.duration - ramp, ramp + 1e-9), change.duration])
-    return change.start + steps, np.array([0.0, peak, peak, 0.0])
 
 
 @dataclass(frozen=True)
@@ -116,6 +55,24 @@ class Curve:
         (dx, dy), (ddx, ddy) = self._spline(s, 1), self._spline(s, 2)
         return float((dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3)
 
+    def track(self, s: Float64[np.ndarray, " m"]) -> Float64[np.ndarray, "m 3"]:
+        """Point and direction at many arc lengths, in rows (x, y, yaw) [m, m, rad]."""
+        inside = np.clip(s, self.s[0], self.s[-1])
+        direction = self._spline(inside, 1)
+        points = self._spline(inside) + (s - inside)[:, None] * direction
+        return np.column_stack([points, np.arctan2(direction[:, 1], direction[:, 0])])
+
+    def curvatures(self, s: Float64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
+        """Curvature at many arc lengths, positive to the left [1/m]."""
+        inside = np.clip(s, self.s[0], self.s[-1])
+        (dx, dy), (ddx, ddy) = self._spline(inside, 1).T, self._spline(inside, 2).T
+        return np.where(inside == s, (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3, 0.0)
+
+    def moved(self, T_dst_src: Transform) -> "Curve":
+        """Give the same curve in another frame, turned about z and shifted."""
+        points = np.column_stack([self.points, np.zeros(len(self.points))])
+        return Curve(self.s, se3.transform(T_dst_src, points)[:, :2])
+
     def _inside(self, s: float) -> float:
         return float(np.clip(s, self.s[0], self.s[-1]))
 
@@ -127,13 +84,17 @@ class Curve:
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         return Curve(s - np.interp(0.0, self.s, s), points)
 
+    def parallel(self, offset: float) -> "Curve":
+        """Shift the curve to its left by the same way all along [m]."""
+        return self.beside(lambda s: np.full(len(s), offset))
+
     def reversed(self) -> "Curve":
         """Run through the curve the other way; s = 0 stays where it is, other arc lengths change sign."""
         return Curve(-self.s[::-1], self.points[::-1].copy())
 
 
 def curve_from_curvature(
-    start: Vector2, yaw: float, pieces: Sequence[tuple[float, float]], s_start: float = 0.0
+    start: Vector2, yaw: float, pieces: Sequence[tuple[float, float]], s_start: float = 0.0, spacing: float = SPACING
 ) -> Curve:
     """Draw a curve whose curvature changes linearly over each piece (straights, clothoids, arcs).
 
@@ -142,10 +103,11 @@ def curve_from_curvature(
         yaw: direction there [rad].
         pieces: (length [m], curvature at its end [1/m]) one after the other; the curvature starts at 0.
         s_start: arc length of the first point [m].
+        spacing: of the knots, at most [m].
     """
     knots = np.concatenate([[0.0], np.cumsum([length for length, _ in pieces])])
     curvature = np.array([0.0] + [end for _, end in pieces])
-    s = np.linspace(0.0, knots[-1], max(int(np.ceil(knots[-1] / SPACING)), 3) + 1)
+    s = np.linspace(0.0, knots[-1], max(int(np.ceil(knots[-1] / spacing)), 3) + 1)
     slope = np.diff(curvature) / np.diff(knots)
     turn = PPoly(np.stack([slope, curvature[:-1]]), knots).antiderivative()
 
@@ -182,6 +144,10 @@ class Standing:
         """Way covered: none."""
         return 0.0
 
+    def track(self, times: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
+        """Place and direction at many times, in rows (x, y, yaw) [m, m, rad]."""
+        return np.tile([*self.T_world_obj[:2, 3], se3.yaw(self.T_world_obj)], (len(times), 1))
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -196,7 +162,7 @@ class Drive:
     """
 
     curve: Curve
-    speed: Speed
+    speed: SpeedProfile
     s_start: float
     z: float
     axle_x: float = 0.0
@@ -211,6 +177,12 @@ class Drive:
     def distance(self, t: float) -> float:
         """Way of the axle since time 0 [m]."""
         return self.speed.distance(t)
+
+    def track(self, times: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
+        """Place and direction at many times, in rows (x, y, yaw) [m, m, rad]."""
+        rows = self.curve.track(self.s_start + self.speed.distances(times))
+        rows[:, :2] -= self.axle_x * np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
+        return rows
 
 
 @dataclass(frozen=True)
