@@ -13,7 +13,7 @@ $(READY): pyproject.toml constraints.txt
 		|| { echo "regmot needs Python 3.10 or newer, got $$($(PYTHON) --version); try make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[open3d,gicp,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[open3d,gicp,train,dev]'
 	@touch $@
 
 demo: $(READY)
@@ -26,7 +26,7 @@ lint: $(READY)
 	$(BIN)/lint-imports
 
 test: lint
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 clean:
 	rm -rf $(VENV) demo-out out build *.egg-info

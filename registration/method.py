@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from registration import uncertainty
 from registration.errors import InvalidCloudError
-from registration.types import MotionPrior, Point, Points, RegistrationResult, Status
+from registration.types import MotionPrior, Point, Points, RegistrationMethod, RegistrationResult, Status
 
 
 class PairMethod(ABC):
@@ -59,6 +59,24 @@ class PairMethod(ABC):
         """
         a, b = self.prepare([source, target])
         return self.align([(a, b)], [prior])[0]
+
+
+def prepare_seen_from(
+    method: RegistrationMethod, clouds: Sequence[ArrayLike], sensors: Sequence[ArrayLike] | None
+) -> list[Any]:
+    """Prepare clouds, and tell where each was seen from to a method that says that it wants to know.
+
+    Such a method has `wants_sensors = True` and a second argument of `prepare`; clouds whose origin is not the
+    sensor (world axes) need it.
+
+    Args:
+        method: any.
+        clouds: (N, 3) each [m].
+        sensors: (x, y) of the sensor for each cloud, in the same axes [m]; None: at the origin.
+    """
+    if sensors is not None and getattr(method, "wants_sensors", False):
+        return method.prepare(clouds, sensors)  # type: ignore[call-arg]
+    return method.prepare(clouds)
 
 
 def check_cloud(cloud: ArrayLike) -> Points:

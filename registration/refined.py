@@ -6,6 +6,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from registration.method import prepare_seen_from
 from registration.registry import create
 from registration.types import MotionPrior, RegistrationMethod, RegistrationResult, Status
 
@@ -31,13 +32,19 @@ class Refined:
         """Both names, in the order of work."""
         return f"{self.first.name}+{self.second.name}"
 
-    def prepare(self, clouds: Sequence[ArrayLike]) -> list[Any]:
-        """Prepare each cloud for both methods.
+    @property
+    def wants_sensors(self) -> bool:
+        """Whether one of the two looks at clouds from where the sensor was."""
+        return any(getattr(method, "wants_sensors", False) for method in (self.first, self.second))
+
+    def prepare(self, clouds: Sequence[ArrayLike], sensors: Sequence[ArrayLike] | None = None) -> list[Any]:
+        """Prepare each cloud for both methods; see `method.prepare_seen_from` for the sensors.
 
         Raises:
             InvalidCloudError: a cloud is no finite (N, 3) array of numbers.
         """
-        return list(zip(self.first.prepare(clouds), self.second.prepare(clouds), strict=True))
+        first, second = (prepare_seen_from(method, clouds, sensors) for method in (self.first, self.second))
+        return list(zip(first, second, strict=True))
 
     def align(
         self, pairs: Sequence[tuple[Any, Any]], priors: Sequence[MotionPrior | None] | None = None

@@ -17,6 +17,7 @@ BUILT_IN = {
     "adh-2d": "registration.methods.adh:AnnealedHistograms2D",
     "adh-3d": "registration.methods.adh:AnnealedHistograms3D",
     "adh-3d-tuned": "registration.methods.adh:TunedHistograms3D",
+    "alignnet": "registration.alignnet.method:AlignNetCars",
     "centroid": "registration.methods.centroid:Centroid",
     "icp": "registration.methods.icp:PointToPointICP",
     "plane-icp": "registration.methods.plane_icp:PointToPlaneICP",
@@ -27,7 +28,7 @@ BUILT_IN = {
 
 
 # compositions worth a line in every list; any two names work
-COMPOSED = ("fgr+icp", "global-icp+icp")
+COMPOSED = ("alignnet+icp", "fgr+icp", "global-icp+icp")
 
 
 def create(method: str | RegistrationMethod, **settings: Any) -> RegistrationMethod:

@@ -1,0 +1,201 @@
+"""The fast path gives what the plain path gives, and keeps the plug-in contract."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+
+import registration
+from registration import planar, se3
+from registration.alignnet import checkpoint, inference, timing
+from registration.alignnet.answers import nearest_turn
+from registration.alignnet.errors import WeightsError
+from registration.alignnet.method import AlignNetCars
+from registration.alignnet.network import AlignNet
+from registration.alignnet.packing import pack, padded, thinned
+from registration.alignnet.recipe import Recipe
+from registration.method import prepare_seen_from
+from registration.types import MotionPrior, Status
+from tests import learned
+from tests.segments import car_cloud, moving_tracklet, steps
+from tracker.estimators.registration import RegistrationEstimator
+
+CAR = car_cloud(300) + [12.0, 5.0, -1.0]
+T_TRUE = se3.from_yaw(0.0, np.array([0.4, 0.1, 0.0]))
+
+
+@pytest.fixture
+def weights(tmp_path):
+    return str(learned.quiet_weights(tmp_path / "quiet.safetensors"))
+
+
+@pytest.fixture
+def make(weights):
+    return partial(AlignNetCars, weights=weights)
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16", "auto"])
+@pytest.mark.parametrize("settings", [{}, {"covariance": False}, {"branch_norms": True, "composition": "additive"}])
+def test_it_keeps_the_contract(tmp_path, precision, settings):
+    path = learned.quiet_weights(tmp_path / "quiet.safetensors", **settings)
+    registration.check_method(AlignNetCars(weights=str(path), precision=precision))
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-4), (torch.bfloat16, 0.1)])
+@torch.no_grad()
+def test_the_folded_network_gives_what_the_plain_one_gives(dtype, tolerance):
+    network = learned.network()
+    folded, plain = inference.fold(network, dtype), timing.unfolded(network)
+    clouds = learned.clouds(sizes=(30, 5, 200))
+    fast, slow = folded.encode(clouds), plain.encode(clouds)
+    torch.testing.assert_close(fast.center, slow.center, rtol=0.0, atol=tolerance)
+    torch.testing.assert_close(fast.angle, slow.angle, rtol=0.0, atol=4 * tolerance)
+    for rows in (slice(0, 2), slice(1, 3)):  # from the same encodings: a bin that flips is no rounding
+        motions = [made.align(slow.rows(rows), slow.rows(slice(0, 2))) for made in (folded, plain)]
+        torch.testing.assert_close(motions[0].moved_center, motions[1].moved_center, rtol=0.0, atol=tolerance)
+        torch.testing.assert_close(motions[0].precision, motions[1].precision, rtol=0.0, atol=4 * tolerance)
+
+
+def test_unpadded_clouds_give_what_clouds_with_repeated_points_give():
+    network = inference.fold(learned.network())
+    offsets = CAR - CAR.mean(axis=0)
+    repeated = np.concatenate([offsets, offsets[:212]])
+    assert len(padded(offsets, 512, np.random.default_rng(0))) == 512
+    center = pack([offsets], np.zeros((1, 2)) - 10.0, 512)
+    again = pack([repeated], np.zeros((1, 2)) - 10.0, 512)._replace(n_seen=center.n_seen)
+    features = [network.coarse(made.points, made.cloud, 1) for made in (center, again)]
+    torch.testing.assert_close(*features)
+
+
+def test_each_cloud_is_encoded_once(make, monkeypatch):
+    method, calls = make(), []
+    encode = AlignNet.encode
+    monkeypatch.setattr(
+        AlignNet, "encode", lambda self, clouds: calls.append(len(clouds.n_seen)) or encode(self, clouds)
+    )
+    a, b, c = method.prepare([CAR, CAR + [0.1, 0, 0], CAR + [0.2, 0, 0]])
+    method.align([(a, b), (b, c)])
+    method.align([(a, c)])
+    assert calls == [3]
+
+
+def test_a_quiet_network_answers_with_the_shift_of_the_centroids(make):
+    result = make().register(CAR, se3.transform(T_TRUE, CAR))
+    motion = result.motion_about(CAR.mean(axis=0))
+    np.testing.assert_allclose(motion[:2], [0.4, 0.1], atol=0.02)
+    assert result.status is Status.CONVERGED
+
+
+def test_where_the_sensor_is_matters_and_the_axes_do_not(tmp_path):
+    made = learned.network()
+    path = tmp_path / "w.safetensors"
+    checkpoint.write_weights(path, made, checkpoint.About(Recipe(network=made.architecture)))
+    method = AlignNetCars(weights=str(path), precision="float32")
+    T_world_lidar = se3.from_yaw(1.0, np.array([300.0, -200.0, 0.0]))
+    target = CAR + [0.4, 0.1, 0.0]
+    here = method.register(CAR, target)
+    sensors = [T_world_lidar[:2, 3]] * 2
+    a, b = method.prepare([se3.transform(T_world_lidar, cloud) for cloud in (CAR, target)], sensors)
+    there = method.align([(a, b)])[0]
+    expected = T_world_lidar @ here.T_target_source @ se3.invert(T_world_lidar)
+    center = a.centroid
+    np.testing.assert_allclose(there.motion_about(center), planar.motion_about(expected, center), atol=1e-4)
+    R = np.pad(planar.rotation(1.0), (0, 1))
+    R[2, 2] = 1.0
+    np.testing.assert_allclose(there.covariance, R @ here.covariance @ R.T, atol=1e-4)
+
+
+def test_a_tracker_in_world_axes_says_where_the_sensor_was(tmp_path):
+    path, made = tmp_path / "w.safetensors", learned.network()
+    checkpoint.write_weights(path, made, checkpoint.About(Recipe(network=made.architecture)))
+    method = registration.refined(AlignNetCars(weights=str(path), precision="float32"), "centroid")
+    still = moving_tracklet((3.0, 1.0), n_frames=3)
+    poses = tuple(se3.from_yaw(np.pi / 2, np.array([300.0, -200.0, 0.0])) for _ in still.segments)
+    by_sensor, by_world = (
+        steps(RegistrationEstimator(made_method), tracklet)[-1]
+        for made_method, tracklet in (
+            (method.first, still),
+            (method.first, replace(still, T_world_lidar=poses)),
+        )
+    )
+    turned = planar.rotation(np.pi / 2) @ by_sensor.velocity
+    np.testing.assert_allclose(by_world.velocity, turned, atol=2e-3)
+    (here, _), (there, _) = (prepare_seen_from(method, [CAR], sensors)[0] for sensors in (None, [[3.0, 40.0]]))
+    assert not torch.allclose(here.encodings[0].embedding, there.encodings[0].embedding)
+
+
+def test_a_prior_is_fused_by_the_covariances(make):
+    method, target = make(), CAR + [0.4, 0.1, 0.0]
+    free = method.register(CAR, target)
+    mean = free.motion_about(CAR.mean(axis=0)) + [0.2, -0.1, 0.02]
+    sure, unsure = (
+        method.register(CAR, target, MotionPrior(mean, scale * np.eye(3))).motion_about(CAR.mean(axis=0))
+        for scale in (1e-9, 1e6)
+    )
+    np.testing.assert_allclose(sure, mean, atol=1e-5)
+    np.testing.assert_allclose(unsure, free.motion_about(CAR.mean(axis=0)), atol=1e-5)
+    middle = method.register(CAR, target, MotionPrior(mean, free.covariance))
+    np.testing.assert_allclose(middle.motion_about(CAR.mean(axis=0)), mean - [0.1, -0.05, 0.01], atol=1e-5)
+    np.testing.assert_allclose(middle.covariance, 0.5 * free.covariance, atol=1e-6)
+
+
+def test_too_few_points_are_no_success_and_the_shift_of_their_means(make):
+    result = make().register(CAR[:2], CAR[:2] + [0.3, 0.0, 0.0])
+    assert result.status is Status.TOO_FEW_POINTS
+    np.testing.assert_allclose(result.T_target_source[:3, 3], [0.3, 0.0, 0.0], atol=1e-12)
+
+
+def test_what_the_network_is_not_sure_of_is_no_success(make):
+    result = make(max_spread=1e-6).register(CAR, CAR + [0.3, 0.0, 0.0])
+    assert result.status is Status.NOT_CONVERGED
+    np.testing.assert_allclose(result.T_target_source[:3, 3], [0.3, 0.0, 0.0], atol=1e-12)
+
+
+def test_front_and_back_are_told_apart_by_how_far_objects_turn():
+    assert nearest_turn(3.0, 0.0) == pytest.approx(3.0 - np.pi)
+    assert nearest_turn(0.2, 0.0) == pytest.approx(0.2)
+    assert nearest_turn(0.2, 3.0) == pytest.approx(0.2 + np.pi - 2 * np.pi)
+
+
+def test_large_clouds_are_thinned_evenly_and_always_alike():
+    cloud = np.arange(30.0).reshape(10, 3)
+    np.testing.assert_array_equal(thinned(cloud, 5), cloud[::2])
+    assert thinned(cloud, 10) is cloud
+
+
+def test_weights_that_do_not_ship_say_how_to_get_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "WEIGHTS_FOLDER", tmp_path)
+    with pytest.raises(WeightsError, match=r"no weights for 'alignnet'; train some .*regmot train"):
+        registration.create("alignnet")
+    with pytest.raises(WeightsError, match=r"none.safetensors: no such file"):
+        registration.create("alignnet", weights=str(tmp_path / "none.safetensors"))
+
+
+def test_weights_of_the_package_are_found_by_the_methods_name(tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "WEIGHTS_FOLDER", tmp_path)
+    learned.quiet_weights(tmp_path / "alignnet.safetensors")
+    method = registration.create("alignnet+icp")
+    result = method.register(CAR, se3.transform(T_TRUE, CAR))
+    assert method.name == "alignnet+icp"
+    np.testing.assert_allclose(result.T_target_source, T_TRUE, atol=1e-6)
+
+
+@pytest.mark.parametrize("setting", [{"min_points": 0}, {"max_points": 2}, {"precision": "half"}])
+def test_impossible_settings_are_refused(make, setting):
+    with pytest.raises(ValueError, match="expected 1 <= min_points|precision must be one of"):
+        make(**setting)
+
+
+def test_a_sensor_is_wanted_for_each_cloud_or_for_none(make):
+    with pytest.raises(ValueError, match=r"sensor's \(x, y\) for each of 2 clouds"):
+        make().prepare([CAR, CAR], [[0.0, 0.0]])
+
+
+def test_streaming_and_the_plain_way_make_the_same_number_of_transforms(make):
+    frames = [[CAR + [0.1 * k, 0.0, 0.0], CAR[:100]] for k in range(4)]
+    run, n = timing.streaming(make(), frames)
+    assert len(run()) == n == 6
+    run, n = timing.plain(timing.unfolded(learned.network()), frames)
+    assert sum(len(motion.turn) for motion in run()) == n == 6
