@@ -85,6 +85,8 @@ class LearnedRegistration(PairMethod):
         """
         checked = [check_cloud(cloud) for cloud in clouds]
         places = np.zeros((len(checked), 2)) if sensors is None else np.asarray(sensors, dtype=np.float64)
+        if places.size == 0:  # of no clouds
+            places = places.reshape(0, 2)
         if places.shape != (len(checked), 2):
             raise ValueError(f"expected the sensor's (x, y) for each of {len(checked)} clouds, got {places.shape}")
         prepared = [Cloud(cloud, cloud.mean(axis=0) if len(cloud) else np.zeros(3), None) for cloud in checked]

@@ -193,6 +193,12 @@ def test_a_sensor_is_wanted_for_each_cloud_or_for_none(make):
         make().prepare([CAR, CAR], [[0.0, 0.0]])
 
 
+def test_a_frame_without_objects_has_no_clouds_and_no_sensors(make):
+    assert make().prepare([], []) == []
+    with pytest.raises(ValueError, match=r"for each of 1 clouds"):
+        make().prepare([CAR], [])
+
+
 def test_streaming_and_the_plain_way_make_the_same_number_of_transforms(make):
     frames = [[CAR + [0.1 * k, 0.0, 0.0], CAR[:100]] for k in range(4)]
     run, n = timing.streaming(make(), frames)
