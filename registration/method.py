@@ -91,8 +91,8 @@ def check_cloud(cloud: ArrayLike) -> Points:
         raise InvalidCloudError(f"a cloud must be an (N, 3) array of numbers, got {cloud!r:.80}") from error
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidCloudError(f"a cloud must have shape (N, 3), got {points.shape}")
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
+    if not np.isfinite(points).all():
+        finite = np.isfinite(points).all(axis=1)
         bad = int((~finite).sum())
         first = int(np.argmin(finite))
         raise InvalidCloudError(
