@@ -39,7 +39,8 @@ def demo(
     Example: regmot demo --out demo-out
     """
     root = _simulate(out / "street", "street", frames, seed)
-    _compare(root, out, {"seed": seed})
+    shown = [name for name in ("adh-3d", "icp", "alignnet") if _state_of(name) == "ready"]
+    _compare(root, out, {"seed": seed, "estimators": ("centroid-kf", *shown)})
 
 
 @app.command()
