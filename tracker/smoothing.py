@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from tracker.types import EstimateStatus, VelocityEstimate
+from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
 
 # How fast velocities change: variance of an acceleration that is constant over a step and new in the next.
 # The released centroid filter's value: 3.2 m/s^2 is firm braking.
@@ -77,7 +77,7 @@ class RauchTungStriebel:
 
     def measurements(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
         """Filter the velocities forward, weighed by their covariances, then smooth backward."""
-        return self.posteriors(self._filter(estimates))
+        return self.posteriors(self.filtered(estimates))
 
     def posteriors(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
         """Smooth a filter's output backward."""
@@ -95,7 +95,8 @@ class RauchTungStriebel:
         smoothed = [replace(e, velocity=x[k], covariance=0.5 * (P[k] + P[k].T)) for k, e in enumerate(run)]
         return [*estimates[:start], *smoothed]
 
-    def _filter(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
+    def filtered(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
+        """Filter the velocities forward, weighed by their covariances."""
         start = _first_measured(estimates)
         run = estimates[start:]
         if not run:
@@ -116,6 +117,51 @@ class RauchTungStriebel:
         times = np.array([e.timestamp for e in run])
         steps = np.diff(times, prepend=times[0])
         return [self.acceleration_variance * dt**2 * np.eye(2) for dt in steps]
+
+
+@dataclass(frozen=True)
+class FixedLag:
+    """Smooth each velocity by the few frames that follow it: what a tracker that may wait for them can know.
+
+    Source: Rauch, Tung & Striebel, 1965, over the frames k to k + lag only.
+    """
+
+    lag: int = 1  # frames to wait for
+    acceleration_variance: float = ACCELERATION_VARIANCE  # [m^2/s^4]
+
+    def __post_init__(self) -> None:
+        """Refuse a negative lag."""
+        if self.lag < 0:
+            raise ValueError(f"lag must be 0 or more frames, got {self.lag}")
+
+    def measurements(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
+        """Filter the velocities forward, weighed by their covariances, then smooth over the lag."""
+        return self.posteriors(RauchTungStriebel(self.acceleration_variance).filtered(estimates))
+
+    def posteriors(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
+        """Smooth a filter's output over the lag."""
+        smoother = RauchTungStriebel(self.acceleration_variance)
+        return [smoother.posteriors(estimates[k : k + self.lag + 1])[0] for k in range(len(estimates))]
+
+
+def in_hindsight(estimates: Sequence[VelocityEstimate], lag: int) -> list[VelocityEstimate]:
+    """Replace each velocity by what is said of its step up to `lag` frames later, as long as it is spoken of.
+
+    Args:
+        estimates: of one tracklet, consecutive frames.
+        lag: frames.
+    """
+    known: list[Hindsight | None] = [None] * len(estimates)
+    index = {estimate.frame: k for k, estimate in enumerate(estimates)}
+    for k, later in enumerate(estimates):
+        for word in later.hindsight:
+            j = index.get(word.frame)
+            if j is not None and 0 < k - j <= lag:
+                known[j] = word
+    return [
+        estimate if word is None else replace(estimate, velocity=word.velocity, covariance=word.covariance)
+        for estimate, word in zip(estimates, known, strict=True)
+    ]
 
 
 def _first_measured(estimates: Sequence[VelocityEstimate]) -> int:

@@ -1,6 +1,6 @@
 """Time and identity: frames, boxes, segments, tracklets and velocity estimates, all frozen."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -11,6 +11,11 @@ from registration.types import Point, Points, Transform
 
 Vector2 = Float64[np.ndarray, "2"]
 Covariance2 = Float64[np.ndarray, "2 2"]
+StepCovariance = Float64[np.ndarray, "3 3"]  # of the ego's step from k - 1 to k: (x, y, yaw) about the sensor at k
+Twist = Float64[np.ndarray, "6"]  # (vx, vy, vz) of the sensor [m/s], (wx, wy, wz) [rad/s], both in its own axes
+
+# Of the ego's step from or to a pose that is a guess: a car's own motion, as if nothing had been measured.
+UNKNOWN_STEP = np.diag([1.0, 1.0, 0.05]) ** 2  # [m^2, m^2, rad^2]
 
 WORLD, SENSOR = "world", "sensor"  # frames a velocity can be in: fixed to the ground, or moving with the ego
 
@@ -63,6 +68,26 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True)
+class Sweep:
+    """How the sensor turns and moves during one sweep: what it takes to know the time and the place of each point.
+
+    Attributes:
+        twist_lidar: its motion while it turns.
+        period: time of a full turn [s].
+        is_clockwise: which way it turns, seen from above.
+        cut_azimuth: direction in which a sweep ends and the next one begins [rad].
+        to_frame_time: move everything to the instant at which the beams point forward, which is the frame's; otherwise
+            to the instant at which they meet each object, for velocities relative to the sensor.
+    """
+
+    twist_lidar: Twist
+    period: float = 0.1
+    is_clockwise: bool = True
+    cut_azimuth: float = float(np.pi)
+    to_frame_time: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Frame:
     """One sweep of the sensor and what is known with it.
 
@@ -72,6 +97,9 @@ class Frame:
         boxes: the objects of the frame.
         points_lidar: the scan (n, 3) [m], or None where the data set lists the frame but has no scan of it.
         T_world_lidar: pose of the sensor, or None where nothing is known of the ego's motion.
+        ego_step_covariance: of the pose's step from the frame before, (x, y, yaw) about the sensor, in world axes
+            [m^2, m rad, rad^2]; None where nobody claims any.
+        sweep: motion during the sweep, where points are to be moved to one instant; None to take them as they are.
     """
 
     index: int
@@ -79,10 +107,13 @@ class Frame:
     boxes: tuple[Box, ...]
     points_lidar: Points | None
     T_world_lidar: Transform | None
+    ego_step_covariance: StepCovariance | None = None
+    sweep: Sweep | None = None
 
     def without_pose(self) -> "Frame":
         """Forget the ego's pose: what is estimated of this frame is relative to the sensor."""
-        return replace(self, T_world_lidar=None)
+        sweep = None if self.sweep is None else replace(self.sweep, to_frame_time=False)
+        return replace(self, T_world_lidar=None, ego_step_covariance=None, sweep=sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +124,7 @@ class Segment:
         track_id: identity of the object within its sequence.
         class_name: the data set's own word.
         frame: number of the frame in its sequence.
-        timestamp: [s].
+        timestamp: [s]; of the very look at the object where points are moved to one instant, else of the frame.
         points_lidar: the object's points (n, 3) [m]; n = 0 where the box is empty.
         ground_z_lidar: height of the ground under the object [m].
         ground_z_world: the same in the world, for the pose that came with the scan; None where none did.  A sensor
@@ -115,6 +146,11 @@ class SegmentedFrame:
     """All segments of one scan, and apart from them the boxes that they were cut by.
 
     The boxes are for evaluation: truth is made from them, so no estimator gets to see them.
+
+    Attributes:
+        index, timestamp, T_world_lidar, ego_step_covariance: as in the frame.
+        segments, boxes: by track id.
+        seen_at: times of the looks at the objects, where they are not the frame's [s].
     """
 
     index: int
@@ -122,6 +158,12 @@ class SegmentedFrame:
     segments: dict[int, Segment]
     boxes: dict[int, Box]
     T_world_lidar: Transform | None
+    ego_step_covariance: StepCovariance | None = None
+    seen_at: dict[int, float] = field(default_factory=dict)
+
+    def time_of(self, track_id: int) -> float:
+        """Give the time at which an object was seen [s]: the frame's, unless points were moved to one instant."""
+        return self.seen_at.get(track_id, self.timestamp)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +201,21 @@ class EstimateStatus(str, Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class Hindsight:
+    """What later frames say of an earlier step of the same object; frame name and axes are those of that step.
+
+    Attributes:
+        frame: number of the frame in which the step ends.
+        velocity: [m/s].
+        covariance: [m^2/s^2].
+    """
+
+    frame: int
+    velocity: Vector2
+    covariance: Covariance2
+
+
+@dataclass(frozen=True, slots=True)
 class VelocityEstimate:
     """How fast one object moves at one moment, and how sure that is.
 
@@ -174,6 +231,7 @@ class VelocityEstimate:
         range_m: horizontal distance from the sensor [m].
         n_points: size of the segment.
         status: CONVERGED, or why the estimator abstained (its fallback stands in `velocity`).
+        hindsight: what is now known of earlier steps, the latest first; empty for estimators that do not look back.
     """
 
     track_id: int
@@ -187,6 +245,7 @@ class VelocityEstimate:
     range_m: float
     n_points: int
     status: EstimateStatus
+    hindsight: tuple[Hindsight, ...] = ()
 
     @property
     def speed(self) -> float:

@@ -16,10 +16,12 @@ from jaxtyping import Float64
 from numpy.typing import ArrayLike
 
 from registration import annealing
-from registration.method import check_cloud, nothing_known
+from registration.method import PairMethod, check_cloud, nothing_known, one_prior_a_pair
 from registration.neighbours import pack_arrays, share_out
 from registration.types import MotionPrior, PlanarCovariance, Point, Points, RegistrationResult, Status
 from registration.uncertainty import ORDINARY_TURN
+
+Vector2 = Float64[np.ndarray, "2"]
 
 # A prior knows (x, y), the release's is a density in space: its height's variance sets it against its floor.
 HEIGHT_VARIANCE = 0.1  # [m^2]
@@ -68,7 +70,7 @@ class Posterior:
         n_levels: number of resolutions gone through.
     """
 
-    mean: Float64[np.ndarray, "2"]
+    mean: Vector2
     covariance: Float64[np.ndarray, "2 2"]
     within: float
     n_levels: int
@@ -81,7 +83,7 @@ class Posterior:
 
 
 @dataclass(frozen=True)
-class AnnealedHistograms2D:
+class AnnealedHistograms2D(PairMethod):
     """Weigh all shifts of a coarse grid by how well they lay one cloud on the other, divide the likely, repeat.
 
     A shift's likelihood is the product, over the points of the smaller cloud, of how likely each is measured
@@ -91,8 +93,8 @@ class AnnealedHistograms2D:
     as the sensor's rays (section VI).  The answer is the posterior's mean: a pure shift, horizontal, since height
     and turn are not searched.  There are no starting value and no iterations that could end in a wrong minimum.
 
-    How far apart the rays are depends on the range: where `prepare` is not told it, clouds must be in axes
-    whose origin is the sensor.
+    How far apart the rays are depends on the range: where `prepare` is not told where the sensor is, clouds must be
+    in axes whose origin it is.
 
     Source: Held, Levinson, Thrun & Savarese, "Combining 3D shape, color, and motion for robust anytime tracking",
     RSS 2014; constants of the authors' release.
@@ -100,6 +102,7 @@ class AnnealedHistograms2D:
 
     name: ClassVar[str] = "adh-2d"
     uses_height: ClassVar[bool] = False
+    wants_sensors: ClassVar[bool] = True
 
     coarsest: float = 1.0  # side of the first cells [m]
     finest: float = 0.05  # cells this small are not divided [m], ...
@@ -131,23 +134,24 @@ class AnnealedHistograms2D:
         if min(self.max_moved, self.max_fixed, self.independent) < 1:
             raise ValueError("max_moved, max_fixed and independent must be at least 1")
 
-    def prepare(self, clouds: Sequence[ArrayLike], ranges_m: Sequence[float] | None = None) -> list[Cloud]:
+    def prepare(self, clouds: Sequence[ArrayLike], sensors: Sequence[ArrayLike] | None = None) -> list[Cloud]:
         """Check and thin each (N, 3) cloud, and measure it.
 
         Args:
             clouds: [m], any horizontal axes, z up.
-            ranges_m: how far each cloud's centroid is from the sensor, horizontally [m]; unless given, how far it
-                is from the origin.
+            sensors: where each cloud was seen from (x, y), in the same axes [m]; None: from the origin.
 
         Raises:
             InvalidCloudError: a cloud is no finite (N, 3) array of numbers.
-            ValueError: there are ranges, but not one a cloud.
+            ValueError: there are sensors, but not one a cloud.
         """
-        if ranges_m is not None and len(ranges_m) != len(clouds):
-            raise ValueError(f"prepare got {len(clouds)} clouds but {len(ranges_m)} ranges; expected one a cloud")
+        if sensors is None:
+            sensors = [np.zeros(2)] * len(clouds)
+        if len(sensors) != len(clouds):
+            raise ValueError(f"prepare got {len(clouds)} clouds but {len(sensors)} sensors; expected one a cloud")
         return [
-            self._prepare_cloud(check_cloud(cloud), None if ranges_m is None else ranges_m[i])
-            for i, cloud in enumerate(clouds)
+            self.prepare_cloud(check_cloud(cloud), np.asarray(sensor, dtype=np.float64))
+            for cloud, sensor in zip(clouds, sensors, strict=True)
         ]
 
     def align(
@@ -161,14 +165,9 @@ class AnnealedHistograms2D:
         found = self.posteriors(pairs, priors)
         return [self.result(a, b, posterior) for (a, b), posterior in zip(pairs, found, strict=True)]
 
-    def register(self, source: ArrayLike, target: ArrayLike, prior: MotionPrior | None = None) -> RegistrationResult:
-        """Register one pair of (N, 3) clouds [m], in axes whose origin is the sensor.
-
-        Raises:
-            InvalidCloudError: a cloud is no finite (N, 3) array of numbers.
-        """
-        a, b = self.prepare([source, target])
-        return self.align([(a, b)], [prior])[0]
+    def align_pair(self, source: Cloud, target: Cloud, prior: MotionPrior | None) -> RegistrationResult:
+        """Register two prepared clouds."""
+        return self.align([(source, target)], [prior])[0]
 
     def posteriors(
         self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None] | None = None
@@ -178,10 +177,7 @@ class AnnealedHistograms2D:
         Raises:
             ValueError: there are priors, but not one a pair.
         """
-        if priors is None:
-            priors = [None] * len(pairs)
-        if len(priors) != len(pairs):
-            raise ValueError(f"align got {len(pairs)} pairs but {len(priors)} priors; expected one a pair")
+        priors = one_prior_a_pair(pairs, priors)
         found: list[Posterior | None] = [None] * len(pairs)
         moved, fixed, rows, places, signs = [], [], [], [], []
         for place, ((source, target), prior) in enumerate(zip(pairs, priors, strict=True)):
@@ -231,7 +227,8 @@ class AnnealedHistograms2D:
         xx, xy, yy = (SPREAD * s + slide * c for s, c in zip(posterior.spread, smaller.scatter, strict=True))
         return np.array([[xx, xy, 0.0], [xy, yy, 0.0], [0.0, 0.0, ORDINARY_TURN**2]])
 
-    def _prepare_cloud(self, points: Points, range_m: float | None) -> Cloud:
+    def prepare_cloud(self, points: Points, sensor: Vector2 | None = None) -> Cloud:
+        """Thin a checked cloud and measure it, as seen from the sensor, or else from the origin."""
         if len(points) == 0:
             return Cloud(np.zeros(3), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0, points, points)
         centroid, scatter, low, high = annealing.measure(points)
@@ -239,7 +236,7 @@ class AnnealedHistograms2D:
             centroid=centroid,
             scatter=(float(scatter[0, 0]), float(scatter[0, 1]), float(scatter[1, 1])),
             extent=(float(high[0] - low[0]), float(high[1] - low[1])),
-            range_m=math.hypot(centroid[0], centroid[1]) if range_m is None else float(range_m),
+            range_m=math.hypot(*(centroid[:2] if sensor is None else centroid[:2] - sensor)),
             n_points=len(points),
             as_moved=_thinned(points, self.max_moved),
             as_fixed=_thinned(points, self.max_fixed),

@@ -6,6 +6,7 @@ cars and vans, 3 to 80 m) such that the normalised error squared has its expecta
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -28,15 +29,23 @@ CENTROIDS_APART = 2.4  # ... share of the extent by which their centroids differ
 _ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Surface(Cloud):
-    """A cloud with the planes about its points.
+    """A cloud with the planes about its points, which only a target needs.
 
     Attributes:
-        normals: of the grid's points; zero where too few neighbours make a plane.
+        radius: of the neighbourhood that a plane is fitted to [m].
+        n_neighbours: number of points in it, at most.
     """
 
-    normals: Points
+    radius: float
+    n_neighbours: int
+
+    @cached_property
+    def normals(self) -> Points:
+        """Normals of the grid's points; zero where too few neighbours make a plane."""
+        grid = self.grid
+        return icp_kernels.estimate_normals(grid.points, grid.first, grid.frame, self.radius, self.n_neighbours)
 
 
 @dataclass(frozen=True)
@@ -78,13 +87,11 @@ class PointToPlaneICP(BatchMethod):
                 raise ValueError(f"{setting} must be at least {least}, got {getattr(self, setting)}")
 
     def prepare_cloud(self, points: Points) -> Surface:
-        """Sort the points into cells and fit a plane about each."""
+        """Sort the points into cells; planes are fitted when they are first asked for."""
         cloud = iterative.prepare(points, self.max_distance)
-        grid = cloud.grid
-        normals = icp_kernels.estimate_normals(
-            grid.points, grid.first, grid.frame, float(self.normal_radius), self.normal_neighbours
+        return Surface(
+            cloud.points, cloud.centroid, cloud.scatter, cloud.grid, float(self.normal_radius), self.normal_neighbours
         )
-        return Surface(cloud.points, cloud.centroid, cloud.scatter, grid, normals)
 
     def align_batch(
         self, pairs: Sequence[tuple[Surface, Surface]], priors: Sequence[MotionPrior | None]

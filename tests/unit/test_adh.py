@@ -58,7 +58,8 @@ def test_source_and_target_may_change_places_and_only_the_sign_changes():
     whole = car_at(15.0)
     part = whole[whole[:, 0] > 14.0] + [0.5, 0.2, 0.0]
     assert len(part) < len(whole)
-    a, b = method.prepare([whole, part], ranges_m=[15.0, 15.0])
+    same_range = [cloud.mean(axis=0)[:2] - [15.0, 0.0] for cloud in (whole, part)]
+    a, b = method.prepare([whole, part], sensors=same_range)
     there, back = method.posteriors([(a, b), (b, a)])
     np.testing.assert_array_equal(there.mean, -back.mean)
     np.testing.assert_array_equal(there.covariance, back.covariance)
@@ -72,13 +73,14 @@ def test_source_and_target_may_change_places_and_only_the_sign_changes():
 )
 def test_cells_get_as_fine_as_the_rays_are_dense(range_m, n_levels):
     method = AnnealedHistograms2D()
-    a, b = method.prepare([car_at(15.0), car_at(15.0, seed=1)], ranges_m=[15.0, range_m])
+    near, far = car_at(15.0), car_at(15.0, seed=1)
+    a, b = method.prepare([near, far], sensors=[np.zeros(2), far.mean(axis=0)[:2] - [range_m, 0.0]])
     assert method.align([(a, b)])[0].n_iterations == n_levels
 
 
 def test_a_thinned_cloud_is_as_coarse_as_one_farther_away():
     method = AnnealedHistograms2D()
-    a, b = method.prepare([car_at(15.0, 4000), car_at(15.0, 9000)], ranges_m=[30.0, 30.0])
+    a, b = method.prepare([car_at(15.0, 4000), car_at(15.0, 9000)], sensors=[np.array([-15.0, 0.0])] * 2)
     assert len(b.as_fixed) == 1800  # every 5th: 9000 / 2000, rounded up
     assert len(a.as_moved) == 149  # every 27th: 4000 / 150, rounded up
     assert method.align([(a, b)])[0].n_iterations == 2  # as at 150 m
@@ -89,20 +91,22 @@ def test_clouds_hardly_larger_than_the_limit_stay_whole():
     assert [len(cloud.as_moved) for cloud in clouds] == [187, 94]
 
 
-def test_the_range_is_that_of_the_centroid_unless_it_is_given():
-    method = AnnealedHistograms2D()
-    near, told = method.prepare([car_at(15.0)])[0], method.prepare([car_at(15.0)], [40.0])[0]
-    assert near.range_m == pytest.approx(np.hypot(*car_at(15.0).mean(axis=0)[:2]))
-    assert told.range_m == 40.0
-    with pytest.raises(ValueError, match="1 clouds but 2 ranges"):
-        method.prepare([car_at(15.0)], [1.0, 2.0])
+def test_the_range_is_that_of_the_centroid_from_the_sensor():
+    method, car = AnnealedHistograms2D(), car_at(15.0)
+    x, y = car.mean(axis=0)[:2]
+    at_origin, told = method.prepare([car])[0], method.prepare([car], [np.array([x, y - 40.0])])[0]
+    assert at_origin.range_m == pytest.approx(np.hypot(x, y))
+    assert told.range_m == pytest.approx(40.0)
+    with pytest.raises(ValueError, match="1 clouds but 2 sensors"):
+        method.prepare([car], [np.zeros(2)] * 2)
 
 
 def test_moving_both_clouds_together_changes_nothing():
     method = AnnealedHistograms3D()
     source, target = car_at(15.0), car_at(15.0, seed=1) + [0.4, 0.1, 0.0]
-    here = method.prepare([source, target], [15.0, 15.0])
-    far = method.prepare([source + [300.0, -200.0, 5.0], target + [300.0, -200.0, 5.0]], [15.0, 15.0])
+    away, sensor = np.array([300.0, -200.0, 5.0]), np.zeros(2)
+    here = method.prepare([source, target], [sensor, sensor])
+    far = method.prepare([source + away, target + away], [sensor + away[:2], sensor + away[:2]])
     a, b = method.posteriors([tuple(here), tuple(far)])
     np.testing.assert_allclose(a.mean, b.mean, atol=1e-6)
 

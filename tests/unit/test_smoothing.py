@@ -95,7 +95,7 @@ def test_rts_equals_the_batch_least_squares_answer_with_irregular_steps_and_gaps
 def test_rts_of_a_filters_output_is_the_same_as_filtering_and_smoothing():
     run = series(1.0, 4.0, 2.0, 6.0)
     rts = RauchTungStriebel(10.0)
-    filtered = rts._filter(run)
+    filtered = rts.filtered(run)
     np.testing.assert_allclose(x(rts.posteriors(filtered)), x(rts.measurements(run)))
     assert x(filtered)[-1] == pytest.approx(x(rts.measurements(run))[-1])  # the last frame has no future
 

@@ -74,8 +74,8 @@ class AdhEstimator(FrameEstimator):
 
     def measure(self, sightings: Mapping[int, Sighting]) -> dict[int, Measurement]:
         """Align the objects that were seen before; the others start a track."""
-        ranges_m = [float(np.hypot(*(s.centroid[:2] - s.sensor))) for s in sightings.values()]
-        clouds = self.method.prepare([s.points for s in sightings.values()], ranges_m)
+        seen = sightings.values()
+        clouds = self.method.prepare([s.points for s in seen], [s.sensor for s in seen])
         current = dict(zip(sightings, clouds, strict=True))
         known = [track_id for track_id in current if track_id in self._tracks]
         steps = {key: max(sightings[key].timestamp - self._tracks[key].timestamp, SHORTEST_STEP) for key in known}

@@ -16,6 +16,7 @@ from tracker.types import (
     WORLD,
     Covariance2,
     EstimateStatus,
+    Hindsight,
     Segment,
     Tracklet,
     Vector2,
@@ -66,16 +67,20 @@ class Sighting:
         midpoint: middle of the points' bounding box [m]: the reference point of displacements, since the
             centroid wanders with the density of the points.
         timestamp: [s].
+        frame: number of the frame in its sequence.
         range_m: horizontal distance of the midpoint from the sensor [m].
         sensor: where the sensor is, horizontally (x, y), in the axes of the points [m].
+        in_world: whether the axes are the world's; else they are the sensor's, and turn with it.
     """
 
     points: Points
     centroid: Point
     midpoint: Point
     timestamp: float
+    frame: int
     range_m: float
     sensor: Vector2
+    in_world: bool
 
 
 def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
@@ -89,8 +94,10 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
         centroid=points.mean(axis=0),
         midpoint=midpoint,
         timestamp=segment.timestamp,
+        frame=segment.frame,
         range_m=float(np.hypot(*(midpoint[:2] - sensor))),
         sensor=sensor,
+        in_world=T_world_lidar is not None,
     )
 
 
@@ -115,6 +122,7 @@ class Measurement:
     covariance: Covariance2
     yaw_rate: float
     status: EstimateStatus
+    hindsight: tuple[Hindsight, ...] = ()
 
 
 class FrameEstimator(ABC):
@@ -237,4 +245,5 @@ def _estimate(
         range_m=float("nan") if sighting is None else sighting.range_m,
         n_points=len(segment.points_lidar),
         status=found.status,
+        hindsight=found.hindsight,
     )

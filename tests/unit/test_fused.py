@@ -1,0 +1,186 @@
+"""The fused estimator: windows of comparisons, the ego's heading, parked objects, hindsight, and what upsets them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from registration import planar, se3
+from tests.segments import car_cloud, moving_tracklet, segment, steps
+from tracker.estimators import create_estimator, create_smoothing
+from tracker.estimators.fused import parked
+from tracker.estimators.fused.heading import EgoHeading
+from tracker.estimators.fused.sources import Evidence, Expected, Shape
+from tracker.estimators.fused.window import Comparison, MotionModel, Window
+from tracker.types import EstimateStatus
+
+MODEL = MotionModel(density=1.0, n_frames=9)
+
+
+def window_of(velocity, n=6, wrong=None, dt=0.1, offset_sd=0.01, tails=(4.0, 3.0, 4.0)):
+    """Compare each frame with the 1 and 2 before it; `wrong` maps a newer frame to an error of all its comparisons."""
+    velocity = np.asarray(velocity, dtype=np.float64)
+    window = Window.start(replace(MODEL, tails=tails), 0.0, np.zeros(2), 30.0, offset_sd)
+    for k in range(1, n):
+        window.advance(k * dt, offset_sd=offset_sd)
+        if k == 1:
+            window.place_last(velocity * dt)
+        for lag in (1, 2):
+            if k >= lag:
+                off = np.zeros(2) if wrong is None or k not in wrong else np.asarray(wrong[k])
+                newest = len(window) - 1
+                window.compare(Comparison(newest - lag, newest, velocity * lag * dt + off, np.eye(2) / 0.02**2))
+        window.solve()
+    return window
+
+
+def test_a_window_finds_a_constant_velocity_and_is_surer_the_longer_it_looks():
+    for n in (2, 4, 9, 14):
+        velocity, covariance = window_of([3.0, -1.0], n).step()
+        np.testing.assert_allclose(velocity, [3.0, -1.0], atol=1e-3)
+        assert np.linalg.eigvalsh(covariance).min() > 0.0
+    few, many = (np.trace(window_of([3.0, -1.0], n).step()[1]) for n in (2, 9))
+    assert many < 0.5 * few
+
+
+def test_a_look_that_is_off_moves_the_velocity_less_than_its_own_step():
+    off = window_of([3.0, 0.0], 7, wrong={6: [0.0, 0.3]})
+    assert abs(off.step()[0][1]) < 0.9  # the step itself says 3 m/s
+    normal = window_of([3.0, 0.0], 7, wrong={6: [0.0, 0.3]}, tails=(0.0, 0.0, 0.0))
+    assert abs(off.step()[0][1]) < abs(normal.step()[0][1])
+
+
+def test_a_window_knows_no_more_than_its_last_frames():
+    window = window_of([3.0, 0.0], 40)
+    assert len(window) == 9
+    assert window.state.shape == (9, 3, 2)
+    assert window.covariance.shape == (54, 54)
+    assert max(c.newer for c in window.comparisons) == 8
+    assert min(c.older for c in window.comparisons) == 0
+
+
+def test_the_difference_of_two_frames_is_what_the_joint_covariance_says():
+    window = window_of([3.0, 1.0], 5)
+    A = np.zeros((2, 30))
+    A[:, 24:26], A[:, 6:8] = np.eye(2), -np.eye(2)
+    np.testing.assert_allclose(window.difference(1, 4), A @ window.covariance @ A.T, atol=1e-15)
+    A[:, 28:30], A[:, 10:12] = np.eye(2), -np.eye(2)
+    np.testing.assert_allclose(window.difference(1, 4, is_seen=True), A @ window.covariance @ A.T, atol=1e-15)
+
+
+def test_a_comparison_without_information_is_left_out():
+    window = window_of([1.0, 0.0], 3)
+    n = len(window.comparisons)
+    window.compare(Comparison(0, 2, np.zeros(2), np.zeros((2, 2))))
+    assert len(window.comparisons) == n
+
+
+def test_what_objects_have_in_common_is_the_egos_turn_and_one_that_disagrees_is_outvoted():
+    heading = EgoHeading(0.0)
+    for k in range(1, 20):
+        heading.advance(0.1 * k)
+        for own in (0.0, 0.0, 0.0, 0.3):  # the last object's comparisons are all wrong
+            for lag in (1, 3, 8):
+                heading.compare(heading.latest - lag, lag * (-0.03 + own), 0.003**2)
+        heading.settle()
+        heading.learn()
+    assert heading.headings[-1] - heading.headings[-2] == pytest.approx(0.03, abs=0.008)
+    assert heading.step_variance() > 0.0
+
+
+def test_a_heading_forgets_frames_that_have_left_its_window():
+    heading = EgoHeading(0.0)
+    for k in range(1, 30):
+        heading.advance(0.1 * k)
+        heading.compare(0, 1.0, 1e-6)  # for long gone
+        heading.compare(heading.latest - 1, 0.0, 1e-6)
+        heading.settle()
+    assert abs(heading.headings[-1] - heading.headings[-2]) < 5e-3
+
+
+def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
+    cloud = car_cloud(400) + [15.0, 4.0, 0.0]
+    place = cloud.mean(axis=0)[:2]
+    motion = planar.to_transform(np.array([0.8, 0.1, 0.02]), np.array([*place, 0.0]))
+    expected = Expected(planar.to_transform(np.array([0.7, 0.1, 0.0]), np.zeros(3)), 0.3**2 * np.eye(2), 0.05**2)
+    (found,) = Shape().compare([cloud], [se3.transform(motion, cloud)], [np.zeros(2)], [place], [expected])
+    np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
+    assert found.turn == pytest.approx(0.02, abs=0.01)
+    assert np.linalg.eigvalsh(found.information).min() >= 0.0
+
+
+def test_evidence_turns_with_the_axes():
+    evidence = Evidence(np.array([1.0, 0.0]), np.diag([4.0, 1.0]), 0.1, 0.01)
+    turned = evidence.turned(0.5 * np.pi, np.array([2.0, 0.0]))
+    np.testing.assert_allclose(turned.step, [-2.0, 3.0], atol=1e-12)  # (3, 0) is now at (0, 3)
+    np.testing.assert_allclose(turned.information, np.diag([1.0, 4.0]), atol=1e-12)
+
+
+def test_what_stands_is_taken_to_stand_and_what_rolls_is_not():
+    assert parked.probability(window_of([0.0, 0.0], 9)) > 0.98
+    assert parked.probability(window_of([0.5, 0.0], 9)) < 0.01
+    assert parked.probability(window_of([5.0, 0.0], 9)) < 1e-6
+
+
+def test_a_mixture_is_as_unsure_as_its_parts_differ():
+    velocity, covariance = parked.mixed(np.array([2.0, 0.0]), 0.01 * np.eye(2), 0.5)
+    np.testing.assert_allclose(velocity, [1.0, 0.0])
+    assert covariance[0, 0] > 1.0
+    assert covariance[1, 1] < 0.01
+
+
+@pytest.mark.parametrize("velocity", [(6.0, 1.0), (0.0, 0.0)])
+def test_a_car_is_followed_and_its_velocity_gets_precise(velocity):
+    estimates = steps(create_estimator("fused"), moving_tracklet(velocity, n_frames=12, ego_velocity=(0.0, 0.0)))
+    assert estimates[0].status is EstimateStatus.NEW_TRACK
+    assert all(estimate.status is EstimateStatus.CONVERGED for estimate in estimates[1:])
+    np.testing.assert_allclose(estimates[-1].velocity, velocity, atol=0.05)
+    assert np.trace(estimates[-1].covariance) < np.trace(estimates[1].covariance)
+
+
+def test_a_turning_ego_is_seen_through_in_its_own_axes():
+    tracklet = moving_tracklet((0.0, 0.0), n_frames=14, start=(25.0, 8.0), ego_velocity=(8.0, 0.0))  # 0.5 rad/s
+    estimator = create_estimator("fused")
+    last = [estimator.step({7: s}, s.timestamp, None)[7] for s in tracklet.segments][-1]
+    before, after = (se3.transform(se3.invert(T), np.array([[25.0, 8.0, 0.0]]))[0] for T in tracklet.T_world_lidar[-2:])
+    np.testing.assert_allclose(last.velocity, (after - before)[:2] / 0.1, atol=0.6)
+    assert np.hypot(*last.velocity) > 8.0
+
+
+def test_hindsight_is_what_fixed_lag_and_rts_read():
+    tracklet = moving_tracklet((4.0, 0.0), n_frames=6)
+    estimates = steps(create_estimator("fused"), tracklet)
+    assert [word.frame for word in estimates[-1].hindsight] == [4, 3, 2, 1]
+    lag1 = create_estimator("fused", create_smoothing("lag1")).smoothed(estimates)
+    rts = create_estimator("fused", create_smoothing("rts")).smoothed(estimates)
+    np.testing.assert_array_equal(lag1[2].velocity, estimates[3].hindsight[0].velocity)
+    np.testing.assert_array_equal(rts[2].velocity, estimates[5].hindsight[2].velocity)
+    np.testing.assert_array_equal(lag1[-1].velocity, estimates[-1].velocity)
+
+
+def test_a_frame_without_points_is_bridged():
+    tracklet = moving_tracklet((5.0, 0.0), n_frames=8)
+    gone = replace(tracklet.segments[5], points_lidar=np.empty((0, 3)))
+    segments = [*tracklet.segments[:5], gone, *tracklet.segments[6:]]
+    estimator = create_estimator("fused")
+    estimates = [estimator.step({7: s}, s.timestamp, None)[7] for s in segments]
+    assert estimates[5].status is EstimateStatus.NO_POINTS
+    np.testing.assert_allclose(estimates[-1].velocity, [5.0, 0.0], atol=0.2)
+
+
+def test_a_cloud_of_one_point_is_no_certainty():
+    estimator = create_estimator("fused")
+    for k in range(3):
+        estimate = estimator.step({7: segment([[20.0 + 0.1 * k, 1.0, -1.0]], k)}, 0.1 * k, None)[7]
+    assert np.isfinite(estimate.velocity).all()
+    assert np.linalg.eigvalsh(estimate.covariance).min() > 0.5**2
+
+
+def test_many_objects_at_once_give_what_each_gives_alone_in_the_world():
+    a = moving_tracklet((3.0, 1.0), n_frames=5, ego_velocity=(2.0, 0.0))
+    b = moving_tracklet((-2.0, 0.0), n_frames=5, start=(18.0, -4.0), cloud=car_cloud(seed=3), ego_velocity=(2.0, 0.0))
+    together, alone = create_estimator("fused"), create_estimator("fused")
+    for s, t, T in zip(a.segments, b.segments, a.T_world_lidar, strict=True):
+        both = together.step({7: s, 8: replace(t, track_id=8)}, s.timestamp, T)
+        one = alone.step({7: s}, s.timestamp, T)
+        np.testing.assert_allclose(both[7].velocity, one[7].velocity, atol=1e-3)

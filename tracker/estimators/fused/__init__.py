@@ -1,0 +1,5 @@
+"""Velocity from many comparisons of an object with its own past, weighed together; see `estimator`."""
+
+from tracker.estimators.fused.estimator import FusedEstimator
+
+__all__ = ["FusedEstimator"]

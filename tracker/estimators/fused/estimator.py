@@ -1,0 +1,362 @@
+"""The estimator `fused`: each look at an object is compared with several earlier ones, and all of it weighed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from registration import planar, se3
+from registration.types import RegistrationResult
+from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
+from tracker.estimators.fused import parked
+from tracker.estimators.fused.heading import OWN_TURN_SD, EgoHeading
+from tracker.estimators.fused.sources import (
+    Evidence,
+    Expected,
+    Learned,
+    Look,
+    Shape,
+    evidence_of_network,
+    thinned,
+    turn_variance,
+)
+from tracker.estimators.fused.window import Comparison, MotionModel, Square, Vector, Window
+from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
+from tracker.types import Covariance2, EstimateStatus, Hindsight, Vector2, VelocityEstimate
+
+# Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
+# fitted to the errors on simulated training sequences.
+HONEST_SHARE = 0.3
+LEAST_SD = 0.01  # of a velocity [m/s]
+FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
+SEARCHED_TURN_SD = 0.01  # of a turn that is always searched [rad]
+MOST_CENTERS = 20  # looks that count for where an object's centre is
+RATE_SD = 30.0  # of an object's velocity before anything is known [m/s]; relative speeds reach 60 m/s
+
+
+@dataclass(frozen=True)
+class FusedSettings:
+    """From physics and the sensor; what is fitted was fitted on simulated training sequences.
+
+    Attributes:
+        motion: of a car: accelerations of 3 m/s^2 that last for a tenth of a second to a second.
+        turn: of a car's heading.
+        shape_lags: how many looks ago are the points compared by shape; the first is the step itself.
+        learned_lags: and by the network.
+        offset_floor, offset_sampling, offset_single: standard deviation of what one look at an object is off: in any
+            case, of a single point of many, and of a single point that is all that is seen [m].
+        offset_near: the same at 1 m from the sensor, falling with the range squared: what is close changes its look
+            from scan to scan [m].
+        search_floor: standard deviation of an expected place that is always searched [m].
+        search_doubt: factor of an expectation's covariance.
+        pose_turn_sd: of the ego's heading between frames with given poses [rad].
+    """
+
+    motion: MotionModel = field(default_factory=lambda: MotionModel(density=2.0))
+    turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02))
+    shape_lags: tuple[int, ...] = (1,)
+    learned_lags: tuple[int, ...] = (1, 3, 8)
+    offset_floor: float = 0.005
+    offset_sampling: float = 0.05
+    offset_single: float = 1.0
+    offset_near: float = 0.5
+    search_floor: float = 0.1
+    search_doubt: float = 4.0
+    pose_turn_sd: float = 0.001
+
+
+@dataclass
+class _Track:
+    """One object: its window of places, that of its heading, and the looks that belong to their frames.
+
+    Attributes:
+        center: of the object relative to its place, in the axes of its first look [m]; a mean over ...
+        n_centers: ... so many looks, at most MOST_CENTERS.
+    """
+
+    place: Window
+    turn: Window
+    looks: list[Look]
+    center: Vector = field(default_factory=lambda: np.zeros(2))
+    n_centers: int = 0
+
+    def center_at(self, j: int) -> Vector:
+        """Give the object's centre at frame j, in steady axes [m]."""
+        return self.place.state[j, 0] + planar.rotation(float(self.turn.state[j, 0, 0])) @ self.center
+
+    def refer_to_center(self) -> None:
+        """Let the network's opinion of the latest look count for where the centre is."""
+        center = self.looks[-1].center
+        if center is not None:
+            own = planar.rotation(-float(self.turn.state[-1, 0, 0])) @ (center - self.place.state[-1, 0])
+            self.n_centers = min(self.n_centers + 1, MOST_CENTERS)
+            self.center = self.center + (own - self.center) / self.n_centers
+
+
+class FusedEstimator(FrameEstimator):
+    """Weigh comparisons of an object with its own past, several frames back, by shape and by AlignNet.
+
+    A step between neighbouring scans is precise to centimetres, which are decimetres a second; the same centimetres
+    over eight scans are a tenth of that, if the motion between is smooth.  A `Window` of the last frames finds the
+    places that agree with all comparisons and with a motion of nearly constant velocity, where single comparisons,
+    looks and accelerations may be far off (Student's t).  Nothing is accumulated that a wrong velocity could smear.
+
+    Without ego poses the window lives in axes that `EgoHeading` keeps from turning; results are in the sensor's.
+    """
+
+    name = "fused"
+
+    def __init__(self, smoothing: Smoothing | None = None, settings: FusedSettings | None = None) -> None:
+        """Start with no tracks.
+
+        Raises:
+            WeightsError: AlignNet's weights cannot be loaded.
+        """
+        super().__init__(smoothing or WindowMean())
+        self.settings = settings or FusedSettings()
+        self._shape, self._learned = Shape(), Learned()
+        self._tracks: dict[int, _Track] = {}
+        self._heading: EgoHeading | None = None
+
+    def forget(self, track_id: int) -> None:
+        """Drop a track."""
+        self._tracks.pop(track_id, None)
+
+    def fresh(self) -> "FusedEstimator":
+        """Make one with the same settings and no tracks."""
+        return FusedEstimator(self.smoothing, self.settings)
+
+    def smoothed(self, estimates: Sequence[VelocityEstimate]) -> list[VelocityEstimate]:
+        """Read what later frames said: the window is a smoother already; its length is the most that `rts` sees."""
+        if isinstance(self.smoothing, FixedLag):
+            return in_hindsight(estimates, self.smoothing.lag)
+        if isinstance(self.smoothing, RauchTungStriebel):
+            return in_hindsight(estimates, self.settings.motion.n_frames)
+        return self.smoothing.posteriors(estimates)
+
+    def measure(self, sightings: Mapping[int, Sighting]) -> dict[int, Measurement]:
+        """Compare each object with its past, step by step more sure of where it is."""
+        if not sightings:
+            return {}
+        heading = self._begin_frame(sightings)
+        new = self._look(sightings, heading)
+        known = {key: self._tracks[key] for key in sightings if key in self._tracks}
+        for key, track in known.items():
+            self._advance(track, sightings[key])
+        new, is_measured = self._first_comparisons(known, new, sightings)
+        for lag in self.settings.shape_lags[1:]:
+            self._compare_further(known, new, sightings, lag)
+        for key, track in known.items():
+            track.turn.solve()
+            track.looks.append(new[key])
+            track.refer_to_center()
+        if self._heading is not None:
+            self._heading.learn()
+        self._start_tracks(sightings, new)
+        in_world = self._heading is None
+        return {key: _measurement(track, is_measured[key], in_world) for key, track in known.items()}
+
+    def _first_comparisons(
+        self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting]
+    ) -> tuple[dict[int, Look], dict[int, bool]]:
+        """Compare with the last look by shape, and by the network; turn all by what objects say of the ego's heading.
+
+        Returns:
+            the new looks in axes that are steady now, and whether anything was found of each object.
+        """
+        first = self.settings.shape_lags[0]
+        steps, opinions = self._compare_shapes(known, new, sightings, first), self._ask(known, new)
+        turned = dict(new)
+        if self._heading is not None:
+            change = self._settle_heading(self._heading, known, new, steps, opinions)
+            turned = {key: _turned(look, change) for key, look in new.items()}
+            steps = {key: e.turned(change, known[key].place.seen(-1 - first)) for key, e in steps.items()}
+        for key, track in known.items():
+            _hear(track, {first: steps[key]} if key in steps else {})
+            _hear(track, _in_steady_axes(opinions[key], track, turned[key]))
+            track.place.solve()
+        return turned, {key: key in steps or bool(opinions[key]) for key in known}
+
+    def _compare_further(
+        self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting], lag: int
+    ) -> None:
+        """Compare with an earlier look by shape, from where the last comparisons say that the object is."""
+        for key, evidence in self._compare_shapes(known, new, sightings, lag).items():
+            _hear(known[key], {lag: evidence})
+            self._tell_heading(known[key].looks[-lag], new[key], evidence)
+            known[key].place.solve()
+
+    def _begin_frame(self, sightings: Mapping[int, Sighting]) -> float:
+        """Give the heading of the axes that the objects are seen in [rad]."""
+        times = [sighting.timestamp for sighting in sightings.values()]
+        if next(iter(sightings.values())).in_world:
+            self._heading = None
+            return 0.0
+        if self._heading is None:
+            self._heading = EgoHeading(float(np.mean(times)))
+            return 0.0
+        return self._heading.advance(float(np.mean(times)))
+
+    def _look(self, sightings: Mapping[int, Sighting], heading: float) -> dict[int, Look]:
+        seen = sightings.values()
+        encoded = self._learned.encode([s.points for s in seen], [s.sensor for s in seen])
+        turn = 0 if self._heading is None else self._heading.latest
+        looks = {}
+        for (key, sighting), learned in zip(sightings.items(), encoded, strict=True):
+            center = self._learned.center(learned)
+            look = Look(thinned(sighting.points), learned, center, 0.0, turn, sighting.frame)
+            looks[key] = _turned(look, heading)
+        return looks
+
+    def _advance(self, track: _Track, sighting: Sighting) -> None:
+        """Expect the object where its motion leads, in axes whose own turn is not known exactly."""
+        shake = self._shake(track.place.state[-1, 0] - sighting.sensor)
+        has_left = track.place.advance(sighting.timestamp, shake, self._offset_sd(sighting))
+        track.turn.advance(sighting.timestamp)
+        if has_left:
+            track.looks.pop(0)
+
+    def _shake(self, arm: Vector) -> Square:
+        variance = self.settings.pose_turn_sd**2 if self._heading is None else self._heading.step_variance()
+        across = np.array([-arm[1], arm[0]])
+        return variance * np.outer(across, across)
+
+    def _offset_sd(self, sighting: Sighting) -> float:
+        n, own = len(sighting.points), self.settings
+        near = own.offset_near / max(sighting.range_m, 1.0) ** 2
+        return float(np.sqrt(own.offset_floor**2 + own.offset_sampling**2 / n + (own.offset_single / n) ** 2 + near**2))
+
+    def _compare_shapes(
+        self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting], lag: int
+    ) -> dict[int, Evidence]:
+        """Lay the looks of `lag` frames ago on the new ones, where there are any."""
+        keys = [key for key, track in known.items() if len(track.looks) >= lag]
+        evidence = self._shape.compare(
+            [known[key].looks[-lag].points for key in keys],
+            [new[key].points for key in keys],
+            [sightings[key].sensor for key in keys],
+            [known[key].place.seen(-1 - lag) for key in keys],
+            [self._expected(known[key], new[key], lag) for key in keys],
+        )
+        return dict(zip(keys, evidence, strict=True))
+
+    def _expected(self, track: _Track, new: Look, lag: int) -> Expected:
+        older = -1 - lag
+        place = track.place.seen(older)
+        turn = float(track.turn.state[-1, 0, 0] - track.turn.state[older, 0, 0])
+        if len(track.place) == 2:
+            shift, covariance = (new.points.mean(axis=0) - track.looks[-1].points.mean(axis=0))[:2], None
+            doubt = FIRST_TURN_SD**2
+        else:
+            own = self.settings
+            shift = track.place.seen(-1) - place
+            covariance = own.search_doubt * track.place.difference(older, is_seen=True) + own.search_floor**2 * np.eye(
+                2
+            )
+            doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
+            doubt += 0.0 if self._heading is None else self._heading.step_variance()
+        return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)
+
+    def _ask(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> dict[int, dict[int, RegistrationResult]]:
+        """Give the network's opinion of each object, by lag."""
+        jobs = [(k, lag) for k, track in known.items() for lag in self.settings.learned_lags if lag <= len(track.looks)]
+        answers = self._learned.ask([(known[key].looks[-lag], new[key].learned) for key, lag in jobs])
+        opinions: dict[int, dict[int, RegistrationResult]] = {key: {} for key in known}
+        for (key, lag), answer in zip(jobs, answers, strict=True):
+            if answer is not None:
+                opinions[key][lag] = answer
+        return opinions
+
+    def _settle_heading(
+        self,
+        heading: EgoHeading,
+        known: Mapping[int, _Track],
+        new: Mapping[int, Look],
+        steps: Mapping[int, Evidence],
+        opinions: Mapping[int, Mapping[int, RegistrationResult]],
+    ) -> float:
+        """Find the ego's turn that the objects have in common; give the change of the heading [rad]."""
+        for key, evidence in steps.items():
+            self._tell_heading(known[key].looks[-self.settings.shape_lags[0]], new[key], evidence)
+        for key, answers in opinions.items():
+            for lag, answer in answers.items():
+                look = known[key].looks[-lag]
+                heading.compare(
+                    look.heading_index, se3.yaw(answer.T_target_source), turn_variance(answer, look, new[key])
+                )
+        change = heading.settle()
+        for track in known.values():
+            track.place.shake_last(self._shake(track.place.state[-2, 0]))
+        return change
+
+    def _tell_heading(self, older: Look, new: Look, evidence: Evidence) -> None:
+        if self._heading is not None and np.isfinite(evidence.turn_variance):
+            seen = evidence.turn - (self._heading.headings[-1] - older.heading)
+            self._heading.compare(older.heading_index, planar.wrap(seen), evidence.turn_variance)
+
+    def _start_tracks(self, sightings: Mapping[int, Sighting], new: Mapping[int, Look]) -> None:
+        own = self.settings
+        for key, sighting in sightings.items():
+            if key in self._tracks:
+                continue
+            points, time = new[key].points, sighting.timestamp
+            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))[:2]
+            place = Window.start(own.motion, time, middle, RATE_SD, self._offset_sd(sighting))
+            self._tracks[key] = _Track(place, Window.start(own.turn, time, np.zeros(1), OWN_TURN_SD), [new[key]])
+            self._tracks[key].refer_to_center()
+
+
+def _hear(track: _Track, evidence: Mapping[int, Evidence]) -> None:
+    """Take evidence about an object into account, by lag."""
+    newest = len(track.place) - 1
+    for lag, e in evidence.items():
+        if newest == 1:
+            track.place.place_last(track.place.seen(0) + e.step)
+        track.place.compare(Comparison(newest - lag, newest, e.step, e.information))
+        if np.isfinite(e.turn_variance):
+            turn_information = np.array([[1.0 / e.turn_variance]])
+            track.turn.compare(Comparison(newest - lag, newest, np.array([e.turn]), turn_information))
+
+
+def _in_steady_axes(opinions: Mapping[int, RegistrationResult], track: _Track, new: Look) -> dict[int, Evidence]:
+    return {
+        lag: evidence_of_network(answer, track.looks[-lag], new, track.place.seen(-1 - lag))
+        for lag, answer in opinions.items()
+    }
+
+
+def _measurement(track: _Track, is_measured: bool, in_world: bool) -> Measurement:
+    """Read the step to the latest look, and what is now known of those before; in the axes that each was seen in."""
+    standing = parked.probability(track.place) if in_world else 0.0
+    velocity, covariance = parked.mixed(*_step(track, -1), standing)
+    turns = track.turn.state[:, 0, 0] - [look.heading for look in track.looks]
+    earlier = range(len(track.looks) - 2, 0, -1)
+    return Measurement(
+        position=planar.rotation(-track.looks[-1].heading) @ track.center_at(-1),
+        velocity=velocity,
+        covariance=covariance,
+        yaw_rate=float((turns[-1] - turns[-2]) / (track.turn.times[-1] - track.turn.times[-2])),
+        status=EstimateStatus.CONVERGED if is_measured else EstimateStatus.NOT_CONVERGED,
+        hindsight=tuple(Hindsight(track.looks[j].frame, *parked.mixed(*_step(track, j), standing)) for j in earlier),
+    )
+
+
+def _step(track: _Track, j: int) -> tuple[Vector2, Covariance2]:
+    """Give the velocity of the step to look j, as a displacement between the axes of both looks."""
+    j %= len(track.looks)
+    before, after = (planar.rotation(-track.looks[k].heading) for k in (j - 1, j))
+    moved = after @ track.center_at(j) - before @ track.center_at(j - 1)
+    _, covariance = track.place.step(j)
+    _, turn_variance = track.turn.step(j)
+    arm = planar.rotation(float(track.turn.state[j, 0, 0])) @ np.array([-track.center[1], track.center[0]])
+    covariance = covariance + turn_variance * np.outer(arm, arm)
+    covariance = HONEST_SHARE * after @ covariance @ after.T + LEAST_SD**2 * np.eye(2)
+    return moved / (track.place.times[j] - track.place.times[j - 1]), covariance
+
+
+def _turned(look: Look, change: float) -> Look:
+    if change == 0.0:
+        return look
+    points = se3.transform(se3.from_yaw(change, np.zeros(3)), look.points)
+    center = None if look.center is None else planar.rotation(change) @ look.center
+    return replace(look, points=points, center=center, heading=look.heading + change)

@@ -1,0 +1,253 @@
+"""Where evidence of an object's motion comes from: its shape, laid on itself, and the network's opinion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from registration import planar, se3, uncertainty
+from registration.alignnet.method import AlignNetCars
+from registration.methods.adh import AnnealedHistograms3D
+from registration.methods.plane_icp import PointToPlaneICP
+from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult, Status, Transform
+from tracker.estimators.fused.window import Square, Vector
+from tracker.types import Vector2
+
+SHAPE_POINTS = 600  # of a cloud that are laid on another one
+FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
+# Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
+TURN_SAMPLING = 1.0
+TURN_SHARE = 0.2  # of the variance of a turn that plane-icp claims; fitted on simulated training sequences
+LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What is kept of one look at an object.
+
+    Attributes:
+        points: in steady axes, thinned [m].
+        learned: the network's encoding, of the points in the axes they were seen in; None for a look not encoded.
+        heading: of these axes in the steady ones [rad].
+        center: where the network believes the object's centre, in steady axes (2) [m]; None where it cannot tell.
+        heading_index: number of that heading, for `EgoHeading`.
+        frame: number of the frame in its sequence.
+    """
+
+    points: Points
+    learned: Any
+    center: Vector | None
+    heading: float
+    heading_index: int
+    frame: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """A motion that was measured between two looks, in steady axes.
+
+    Attributes:
+        step: displacement of the object's reference point (2) [m].
+        information: inverse covariance of that (2, 2).
+        turn: [rad].
+        turn_variance: [rad^2]; infinite where no turn was measured.
+    """
+
+    step: Vector
+    information: Square
+    turn: float
+    turn_variance: float
+
+    def turned(self, angle: float, place: Vector) -> "Evidence":
+        """Turn the newer look about the origin: its axes were off by that [rad]; `place` is the older one's."""
+        R = planar.rotation(angle)
+        step = R @ (place + self.step) - place
+        return Evidence(step, R @ self.information @ R.T, self.turn + angle, self.turn_variance)
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Where an earlier look is expected in the newer one.
+
+    Attributes:
+        T: the motion, in steady axes; the earlier points are put there first.
+        covariance: of what is left of (x, y) [m^2]; None where nothing is known of the motion.
+        turn_variance: of what is left of yaw [rad^2].
+    """
+
+    T: Transform
+    covariance: Square | None
+    turn_variance: float
+
+
+class Shape:
+    """Lay earlier points on the newer ones: annealed histograms find the place, point-to-plane ICP the rest.
+
+    The histograms see all places around, so that a wrong expectation is a handicap and no prison; what they find is
+    the belief that the planes refine.  The expectation's own information is taken out again: it comes from the same
+    window that the evidence goes to.
+    """
+
+    def __init__(self) -> None:
+        """Create both methods."""
+        self._search = AnnealedHistograms3D()
+        self._planes = PointToPlaneICP(independent_pairs=200.0)
+
+    def compare(
+        self,
+        earlier: Sequence[Points],
+        newer: Sequence[Points],
+        sensors: Sequence[Vector2],
+        places: Sequence[Vector],
+        expected: Sequence[Expected],
+    ) -> list[Evidence]:
+        """Compare many pairs at once.
+
+        Args:
+            earlier, newer: points of both looks, in steady axes; the same newer cloud may come several times.
+            sensors: where the newer ones were seen from.
+            places: of the reference point in the earlier looks.
+            expected: motions.
+        """
+        if not earlier:
+            return []
+        moved = [se3.transform(e.T, points) for e, points in zip(expected, earlier, strict=True)]
+        priors = [_prior(e, a, b) for e, a, b in zip(expected, moved, newer, strict=True)]
+        targets, index = _distinct(newer)
+        seen_from = [sensors[k] for k in (index.index(j) for j in range(len(targets)))]
+        found = self._search.align(
+            _pairs(self._search.prepare(moved, sensors), self._search.prepare(targets, seen_from), index), priors
+        )
+        beliefs = [_belief(result, e.turn_variance) for result, e in zip(found, expected, strict=True)]
+        sources, surfaces = ([_thinned(c, SHAPE_POINTS) for c in clouds] for clouds in (moved, targets))
+        refined = self._planes.align(
+            _pairs(self._planes.prepare(sources), self._planes.prepare(surfaces), index), beliefs
+        )
+        return [
+            _evidence_of_shape(before, after, e, place, min(len(a), len(b)))
+            for before, after, e, place, a, b in zip(found, refined, expected, places, moved, newer, strict=True)
+        ]
+
+
+class Learned:
+    """Ask AlignNet: each look is encoded once, in the axes it was seen in, and compared with any other."""
+
+    def __init__(self) -> None:
+        """Load the weights."""
+        self._method = AlignNetCars()
+
+    def encode(self, clouds: Sequence[Points], sensors: Sequence[Vector2]) -> list[Any]:
+        """Encode the clouds of a frame."""
+        return self._method.prepare(clouds, sensors)
+
+    def center(self, encoding: Any) -> Vector | None:
+        """Say where the network believes an object's centre (x, y), in the axes it was seen in [m]."""
+        center = self._method.center(encoding)
+        return None if center is None else center[:2]
+
+    def ask(self, pairs: Sequence[tuple[Look, Any]]) -> list[RegistrationResult | None]:
+        """Compare many pairs (earlier look, newer encoding) at once; None where the network does not know.
+
+        Returns:
+            motions in the axes that the looks were seen in.
+        """
+        results = self._method.align([(earlier.learned, newer) for earlier, newer in pairs])
+        return [result if result.status is Status.CONVERGED else None for result in results]
+
+
+def thinned(points: Points, most: int = 2000) -> Points:
+    """Keep every k-th point, so that a look does not take up more memory than it is worth."""
+    return _thinned(points, most)
+
+
+def _thinned(points: Points, most: int) -> Points:
+    return points if len(points) <= most else np.ascontiguousarray(points[:: -(-len(points) // most)])
+
+
+def _prior(expected: Expected, moved: Points, newer: Points) -> MotionPrior:
+    """Expect no motion beside the expected one; with nothing expected, what centroids would say of one."""
+    covariance = np.zeros((3, 3))
+    if expected.covariance is None:
+        covariance += FIRST_DOUBT * uncertainty.of_centroids(moved, newer)
+    else:
+        covariance[:2, :2] = expected.covariance
+    covariance[2, 2] = expected.turn_variance
+    return MotionPrior(np.zeros(3), covariance)
+
+
+def _belief(found: RegistrationResult, turn_variance: float) -> MotionPrior:
+    covariance = found.covariance.copy()
+    covariance[2, 2] = turn_variance
+    return MotionPrior(found.motion_about(found.source_centroid), covariance)
+
+
+def _distinct(clouds: Sequence[Points]) -> tuple[list[Points], list[int]]:
+    """Give each cloud once, and which of them stands at each place."""
+    known: dict[int, int] = {}
+    index = [known.setdefault(id(cloud), len(known)) for cloud in clouds]
+    return [clouds[index.index(j)] for j in range(len(known))], index
+
+
+def _pairs(sources: Sequence[Any], targets: Sequence[Any], index: Sequence[int]) -> list[tuple[Any, Any]]:
+    return [(source, targets[j]) for source, j in zip(sources, index, strict=True)]
+
+
+def _evidence_of_shape(
+    before: RegistrationResult, after: RegistrationResult, expected: Expected, place: Vector, n_points: int
+) -> Evidence:
+    is_refined = after.n_pairs > 0 and after.status in (Status.CONVERGED, Status.NOT_CONVERGED)
+    result = after if is_refined else before
+    at = _moved(expected.T, place)
+    step = _moved(result.T_target_source, at) - place
+    covariance = _about(result.covariance, 0.0, result.source_centroid[:2], at)
+    information = np.linalg.inv(covariance[:2, :2])
+    if expected.covariance is not None:
+        information = _without(information, np.linalg.inv(expected.covariance))
+    turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
+    variance = TURN_SHARE * result.covariance[2, 2] + (TURN_SAMPLING / n_points) ** 2
+    return Evidence(step, information, turn, float(variance) if is_refined else float("inf"))
+
+
+def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, place: Vector) -> Evidence:
+    """Bring an answer of the network from the axes that the looks were seen in to steady ones.
+
+    Args:
+        result: motion between the looks.
+        earlier, newer: the looks.
+        place: of the object's reference point in the earlier one, in steady axes [m].
+    """
+    before, after = (se3.from_yaw(look.heading, np.zeros(3)) for look in (earlier, newer))
+    T = after @ result.T_target_source @ se3.invert(before)
+    R = np.eye(3)
+    R[:2, :2] = after[:2, :2]
+    centroid = _moved(before, result.source_centroid[:2])
+    turn = planar.wrap(se3.yaw(T))
+    covariance = _about(R @ result.covariance @ R.T, turn, centroid, place)
+    return Evidence(
+        _moved(T, place) - place, np.linalg.inv(covariance[:2, :2]), turn, turn_variance(result, earlier, newer)
+    )
+
+
+def turn_variance(result: RegistrationResult, earlier: Look, newer: Look) -> float:
+    """Say how well the network knows a turn [rad^2]."""
+    return float(result.covariance[2, 2]) + (TURN_SAMPLING / min(len(earlier.points), len(newer.points))) ** 2
+
+
+def _about(
+    covariance: PlanarCovariance, turn: float, old: Float64[np.ndarray, "2"], new: Float64[np.ndarray, "2"]
+) -> PlanarCovariance:
+    return planar.transport_covariance(covariance, turn, old, new)
+
+
+def _moved(T: Transform, place: Vector) -> Vector:
+    moved: Vector = T[:2, :2] @ place + T[:2, 3]
+    return moved
+
+
+def _without(information: Square, prior: Square) -> Square:
+    """Take out what a prior knew; directions that nothing else told of are left without information."""
+    values, axes = np.linalg.eigh(information - prior)
+    values = np.where(values > LEAST * np.trace(information), values, 0.0)
+    return (axes * values) @ axes.T
