@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
+from evaluation.scored import Key, Scored, pair_with_truth
 from evaluation.truth import TRUTHS, TrueVelocity, true_velocities
+from tracker.ego_motion.common_mode import with_pose_covariance
+from tracker.ego_motion.modes import EgoConfig, with_ego
 from tracker.errors import InputError
 from tracker.estimators import CAUSAL, SMOOTHINGS, Estimator, create_estimator, create_smoothing
 from tracker.kitti import KittiSequence, check_classes, check_poses, open_sequences, sequence_names
@@ -21,7 +24,6 @@ from tracker.tracklets import of_classes
 from tracker.types import SENSOR, WORLD, EstimateStatus, SegmentedFrame, VelocityEstimate
 
 Progress = Callable[[str, int, int], None]  # what is under way, how much of it is done, of how much
-Key = tuple[int, int]  # (track id, frame)
 AUTO = "auto"
 WARM_UP_FRAMES = 3
 
@@ -41,6 +43,9 @@ class CompareConfig:
     split: str = "all"  # one of tracker.kitti.splits.SPLITS
     clock: str = AUTO  # recorded stamps where there are any, or `nominal`: 10 Hz
     seed: int = 0  # for methods that draw random numbers
+    ego: str = AUTO  # where the ego's poses come from: one of tracker.ego_motion.modes.EGO_MODES
+    deskew: bool = False  # move each object's points to one instant by the ego's motion during the sweep
+    correct_beam_angles: bool = False  # in odometry: KITTI's 0.205 degrees
 
     def __post_init__(self) -> None:
         """Refuse names that do not exist and lists that are empty, before any work is done."""
@@ -57,28 +62,12 @@ class CompareConfig:
             raise InputError(f"window must be 0 or more frames, got {self.window}")
         for name in self.estimators:
             create_estimator(name)
+        _ = self.ego_config
 
-
-@dataclass(frozen=True)
-class Scored:
-    """The scored steps of one sequence by one estimator in one smoothing: one row a step.
-
-    Attributes:
-        velocity, true, covariance: in the comparison's frame.
-        range_m: of the label's centre; bins go by it.
-        ms_per_transform: mean time of a step's motion, the smoothing's share included.
-    """
-
-    sequence: str
-    estimator: str
-    smoothing: str
-    estimates: tuple[VelocityEstimate, ...]
-    velocity: Float64[np.ndarray, "n 2"]
-    true: Float64[np.ndarray, "n 2"]
-    covariance: Float64[np.ndarray, "n 2 2"]
-    range_m: Float64[np.ndarray, " n"]
-    track_id: Int64[np.ndarray, " n"]
-    ms_per_transform: float
+    @property
+    def ego_config(self) -> EgoConfig:
+        """The settings of the ego's poses."""
+        return EgoConfig(self.ego, self.deskew, self.correct_beam_angles)
 
 
 @dataclass(frozen=True)
@@ -88,6 +77,7 @@ class SequenceSummary:
     Attributes:
         n_without_points: steps left out because a segment at either end is empty.
         n_parked, n_tracks: tracks scored.
+        flagged_poses: frames whose pose is a guess.
         ego_path: horizontal positions of the sensor (n, 2) in the comparison's frame [m]; zeros in SENSOR.
     """
 
@@ -99,6 +89,7 @@ class SequenceSummary:
     n_without_points: int
     n_tracks: int
     n_parked: int
+    flagged_poses: tuple[int, ...]
     ego_path: Float64[np.ndarray, "n 2"]
 
 
@@ -130,9 +121,11 @@ def compare(root: Path, config: CompareConfig, cache: Path, progress: Progress |
         InputError: an unknown sequence, or nothing to score.
         TrackerError, RegistrationError: data or a method that cannot be used; the message says which.
     """
-    sequences = open_sequences(root, config.sequences, config.clock)
+    sequences = open_sequences(root, config.sequences, config.clock, config.ego_config.recorded)
     check_classes(sequences, config.classes)
-    if config.frame == WORLD:
+    in_world = config.frame == WORLD
+    sequences = [with_ego(s, config.ego_config, cache / "ego-motion", in_world, progress) for s in sequences]
+    if in_world:
         check_poses(sequences)
     opened = {sequence.name for sequence in sequences}
     without_scans = tuple(name for name in sequence_names(root) if not config.sequences and name not in opened)
@@ -186,7 +179,7 @@ def _choose_truth(wish: str, sequences: Sequence[KittiSequence]) -> str:
 
 def _without_points(frame: SegmentedFrame) -> SegmentedFrame:
     """Keep what truth needs of a frame: memory must not grow with the clouds of a long sequence."""
-    return SegmentedFrame(frame.index, frame.timestamp, {}, frame.boxes, frame.T_world_lidar)
+    return replace(frame, segments={})
 
 
 def _scorable(
@@ -232,6 +225,7 @@ def _summarise(
         n_without_points=n_without_points,
         n_tracks=len(parked),
         n_parked=sum(parked.values()),
+        flagged_poses=sequence.flagged,
         ego_path=np.array([T[:2, 3] for T in poses]) if in_world else np.zeros((1, 2)),
     )
 
@@ -260,9 +254,8 @@ def _run(
             estimator = create_estimator(name, create_smoothing(smoothing, config.window))
             runs = [estimator.smoothed(run) for run in tracklets]
         total = seconds + perf_counter() - start
-        by_key = {(e.track_id, e.frame): e for run in runs for e in run}
         ms = 1e3 * total / max(n_transforms, 1)
-        yield _score_table(sequence, name, smoothing, [by_key[key] for key in keys], truths, ms)
+        yield pair_with_truth((sequence, name, smoothing), runs, keys, truths, ms)
 
 
 def _warm_up(estimator: Estimator, store: SegmentStore, config: CompareConfig) -> None:
@@ -282,13 +275,15 @@ def run_causal(
     """Step an estimator through a sequence; give its estimates by tracklet, and the seconds it took."""
     under_way: dict[int, list[VelocityEstimate]] = {}
     tracklets: list[list[VelocityEstimate]] = []
-    seconds = 0.0
+    seconds, last_time = 0.0, None
     for frame in store.frames():
         T_world_lidar = frame.T_world_lidar if frame_name == WORLD else None
         segments = of_classes(frame.segments, classes)
         start = perf_counter()
         estimates = estimator.step(segments, frame.timestamp, T_world_lidar)
         seconds += perf_counter() - start
+        estimates = with_pose_covariance(estimates, frame, None if last_time is None else frame.timestamp - last_time)
+        last_time = frame.timestamp
         under_way = {track_id: run for track_id, run in under_way.items() if track_id in estimates}
         for track_id, estimate in estimates.items():
             if track_id not in under_way:
@@ -298,26 +293,3 @@ def run_causal(
         if progress is not None:
             progress(frame.index + 1, len(store))
     return tracklets, seconds
-
-
-def _score_table(
-    sequence: str,
-    estimator: str,
-    smoothing: str,
-    estimates: Sequence[VelocityEstimate],
-    truths: dict[Key, TrueVelocity],
-    ms_per_transform: float,
-) -> Scored:
-    true = [truths[e.track_id, e.frame] for e in estimates]
-    return Scored(
-        sequence=sequence,
-        estimator=estimator,
-        smoothing=smoothing,
-        estimates=tuple(estimates),
-        velocity=np.array([e.velocity for e in estimates]).reshape(-1, 2),
-        true=np.array([t.velocity for t in true]).reshape(-1, 2),
-        covariance=np.array([e.covariance for e in estimates]).reshape(-1, 2, 2),
-        range_m=np.array([t.range_m for t in true], dtype=np.float64),
-        track_id=np.array([e.track_id for e in estimates], dtype=np.int64),
-        ms_per_transform=ms_per_transform,
-    )

@@ -14,8 +14,9 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from evaluation.compare import Comparison, Scored, SequenceSummary
-from evaluation.report import range_rows
+from evaluation.compare import Comparison, SequenceSummary
+from evaluation.scored import Scored
+from evaluation.tables import range_rows
 from tracker.estimators import CAUSAL
 
 # Okabe & Ito's palette, told apart by colour-blind readers too; black is the truth.

@@ -6,87 +6,67 @@ import json
 import math
 import os
 import platform
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Bool
-
-from evaluation.compare import Comparison, Scored
-from evaluation.velocity_error import score
+from evaluation.compare import Comparison
+from evaluation.tables import class_rows, range_rows, rows, track_rows
+from tracker.estimators import CAUSAL
 from tracker.files import write_whole
 
 RESULTS_FORMAT = 1
-RANGE_STEP = 10.0  # width of the bins of the breakdown by range [m]
 
 ESTIMATE_COLUMNS = (
     "sequence", "track_id", "frame", "timestamp", "estimator", "smoothing", "frame_name", "x", "y", "vx", "vy",
     "var_vx", "cov_vxvy", "var_vy", "yaw_rate", "range_m", "n_points", "status", "vx_true", "vy_true",
 )  # fmt: skip
 
-# column of the tables: (heading, key of a row, how it is printed)
+Column = tuple[str, str, str]  # of a table: heading, key of a row, how it is printed
+_Print = Callable[[dict[str, Any]], str]
+
 TABLE = (
     ("estimator", "estimator", "{}"),
     ("smoothing", "smoothing", "{}"),
     ("range", "range_m", "< {:g} m"),
     ("n", "n", "{}"),
-    ("RMSE v [m/s]", "rmse_velocity", "{:.3f}"),
+    ("RMSE v", "rmse_velocity", "{:.3f}"),
     ("RMSE speed", "rmse_speed", "{:.3f}"),
     ("median", "median_velocity_error", "{:.3f}"),
+    ("99 %", "p99_velocity_error", "{:.3f}"),
     ("abstained", "abstained", "{}"),
     ("NEES", "nees", "{:.2f}"),
     ("95 % cov.", "coverage_95", "{:.1%}"),
     ("ms", "ms_per_transform", "{:.3f}"),
 )  # fmt: skip
 
-
-def rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """Give the table's rows: estimator by smoothing by range, over all sequences."""
-    config = comparison.config
-    return [
-        {
-            "estimator": estimator,
-            "smoothing": smoothing,
-            "frame": config.frame,
-            "range_m": range_m,
-            **_score(parts, [part.range_m < range_m for part in parts]),
-            "ms_per_transform": _mean_ms(parts),
-        }
-        for estimator, smoothing, parts in _groups(comparison)
-        for range_m in config.ranges
-    ]
-
-
-def track_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """Break the errors down by track, over all its ranges."""
-    return [
-        {
-            "sequence": part.sequence,
-            "track_id": int(track_id),
-            "estimator": part.estimator,
-            "smoothing": part.smoothing,
-            **_score([part], [part.track_id == track_id]),
-        }
-        for part in comparison.scored
-        for track_id in np.unique(part.track_id)
-    ]
+# The second table: may the figures be relied on?
+USE_TABLE = (
+    ("estimator", "estimator", "{}"),
+    ("smoothing", "smoothing", "{}"),
+    ("class", "class_name", "{}"),
+    ("range", "range_m", "< {:g} m"),
+    ("n", "n", "{}"),
+    ("NEES", "nees", "{:.2f}"),
+    ("95 % cov.", "coverage_95", "{:.1%}"),
+    ("false motion", "false_motion", "{:.1%}"),
+    ("tracks", "n_tracks", "{}"),
+    ("lost", "lost_tracks", "{}"),
+    ("steps", "n_delays", "{}"),
+    ("delay [s]", "delay_s", "{:.2f}"),
+)  # fmt: skip
 
 
-def range_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """Break the errors down into bins of range; empty bins are left out."""
-    last = max(comparison.config.ranges)
-    found = []
-    for estimator, smoothing, parts in _groups(comparison):
-        for low in np.arange(0.0, last, RANGE_STEP):
-            high = min(low + RANGE_STEP, last)
-            row = _score(parts, [(part.range_m >= low) & (part.range_m < high) for part in parts])
-            if row["n"]:
-                named = {"estimator": estimator, "smoothing": smoothing, "from_m": float(low), "to_m": float(high)}
-                found.append({**named, **row})
-    return found
+TABLE_NOTE = """\
+RMSE v: of the velocity vector, RMSE speed: of its magnitude; median and 99 %: percentiles of the vector error [m/s].
+NEES: 2 is honest, more is overconfident."""
+USE_NOTE = """\
+False motion: share of the steps of parked objects with a speed above 0.3 m/s; in the sensor's frame it means nothing.
+Lost: tracks of more than five frames whose error stays above 2 m/s in every frame after the fifth.  Delay: after steps
+of the true acceleration of 1.5 m/s^2 or more that last 0.5 s, the median shift in time between truth and estimate; it
+needs exact truth."""
 
 
 def results(comparison: Comparison) -> dict[str, Any]:
@@ -111,6 +91,7 @@ def results(comparison: Comparison) -> dict[str, Any]:
                     "missing_scans": list(s.missing_scans),
                     "clock": s.clock,
                     "ego": s.ego,
+                    "flagged_poses": list(s.flagged_poses),
                     "n_tracks": s.n_tracks,
                     "n_parked": s.n_parked,
                     "n_without_points": s.n_without_points,
@@ -118,10 +99,13 @@ def results(comparison: Comparison) -> dict[str, Any]:
                 for s in comparison.sequences
             ],
         },
+        "ego": ", ".join(dict.fromkeys(s.ego for s in comparison.sequences)),
+        "deskew": config.deskew,
         "truth": comparison.truth,
         "window": config.window,
         "rows": rows(comparison),
         "ranges": range_rows(comparison),
+        "classes": class_rows(comparison),
         "tracks": track_rows(comparison),
         "estimates": "estimates.csv",
     }
@@ -139,17 +123,39 @@ def write(comparison: Comparison, out: Path) -> Path:
 
 
 def markdown(found: dict[str, Any]) -> str:
-    """Word the results as a Markdown page: what was compared, the table, the breakdowns."""
+    """Word the results as a Markdown page: what was compared, the tables, the breakdowns."""
     parts = ["# Velocity errors", "", *(f"- {line}" for line in heading(found)), ""]
-    parts += _markdown_table([name for name, _, _ in TABLE], [table_cells(row) for row in found["rows"]])
-    parts += [
-        "",
-        "RMSE v: of the velocity vector, RMSE speed: of its magnitude. NEES: 2 is honest, more is overconfident.",
-        "",
-    ]
-    parts += ["## By range, vector RMSE [m/s]", "", *_pivot(found["ranges"], _range_name), ""]
-    parts += ["## By track, vector RMSE [m/s]", "", *_pivot(found["tracks"], _track_name), ""]
+    parts += [*markdown_table(TABLE, found["rows"]), "", TABLE_NOTE, ""]
+    parts += ["## In use", "", *markdown_table(USE_TABLE, use_rows(found)), "", USE_NOTE, ""]
+    parts += ["## By range, vector RMSE [m/s]", "", *_pivot(found["ranges"], _range_name, _rmse), ""]
+    parts += ["## By range, NEES (95 % coverage)", "", *_pivot(found["ranges"], _range_name, _calibration), ""]
+    parts += ["## By track, vector RMSE [m/s]", "", *_pivot(found["tracks"], _track_name, _rmse), ""]
     return "\n".join(parts)
+
+
+def use_rows(found: dict[str, Any], is_brief: bool = False) -> list[dict[str, Any]]:
+    """Give the rows of the second table: all classes by range, then each class, where there are several, at any range.
+
+    Args:
+        found: what `results` gives.
+        is_brief: only what a live user would see, `causal` (where that was not asked for, the first smoothing), and
+            no ranges without a step.
+    """
+    widest = max(row["range_m"] for row in found["rows"])
+    names = list(dict.fromkeys((row["estimator"], row["smoothing"]) for row in found["rows"]))
+    smoothings = [smoothing for _, smoothing in names]
+    shown = CAUSAL if CAUSAL in smoothings else smoothings[0]
+    body = []
+    for name in names:
+        if is_brief and name[1] != shown:
+            continue
+        every, each = (
+            [row for row in found[part] if (row["estimator"], row["smoothing"]) == name] for part in ("rows", "classes")
+        )
+        body += [{**row, "class_name": "all"} for row in every if row["n"] or not is_brief]
+        if len({row["class_name"] for row in each}) > 1:
+            body += [row for row in each if row["range_m"] == widest]
+    return body
 
 
 def heading(found: dict[str, Any]) -> list[str]:
@@ -176,7 +182,7 @@ def heading(found: dict[str, Any]) -> list[str]:
     return lines
 
 
-def table_cells(row: dict[str, Any], table: Sequence[tuple[str, str, str]] = TABLE) -> list[str]:
+def table_cells(row: dict[str, Any], table: Sequence[Column] = TABLE) -> list[str]:
     """Print a row of a table; an undefined figure is a dash."""
     cells = []
     for _, key, form in table:
@@ -189,31 +195,6 @@ def table_cells(row: dict[str, Any], table: Sequence[tuple[str, str, str]] = TAB
 def machine() -> str:
     """Name what the timings were taken on."""
     return f"{platform.machine()} {platform.system()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-
-
-def _groups(comparison: Comparison) -> Iterator[tuple[str, str, list[Scored]]]:
-    for estimator in comparison.config.estimators:
-        for smoothing in comparison.config.smoothing:
-            parts = [p for p in comparison.scored if (p.estimator, p.smoothing) == (estimator, smoothing)]
-            yield estimator, smoothing, parts
-
-
-def _score(parts: Sequence[Scored], masks: Sequence[Bool[np.ndarray, " _"]]) -> dict[str, Any]:
-    def gather(column: str) -> np.ndarray:
-        return np.concatenate([getattr(part, column)[mask] for part, mask in zip(parts, masks, strict=True)])
-
-    abstained = np.concatenate(
-        [
-            np.array([e.abstained for e in part.estimates], dtype=bool)[mask]
-            for part, mask in zip(parts, masks, strict=True)
-        ]
-    )
-    return asdict(score(gather("velocity"), gather("true"), gather("covariance"), abstained))
-
-
-def _mean_ms(parts: Sequence[Scored]) -> float:
-    n = sum(len(part.velocity) for part in parts)
-    return sum(part.ms_per_transform * len(part.velocity) for part in parts) / n if n else float("nan")
 
 
 def _estimates_csv(comparison: Comparison) -> str:
@@ -241,23 +222,35 @@ def without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def _markdown_table(header: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
+def markdown_table(table: Sequence[Column], body: Sequence[dict[str, Any]]) -> list[str]:
+    """Print rows as lines of a Markdown table, as the README shows them."""
+    return _lines([name for name, _, _ in table], [table_cells(row, table) for row in body])
+
+
+def _lines(header: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
     lines = [f"| {' | '.join(cells)} |" for cells in (header, *body)]
     return [lines[0], "|" + "---|" * len(header), *lines[1:]]
 
 
-def _pivot(found: Sequence[dict[str, Any]], name: Any) -> list[str]:
+def _pivot(found: Sequence[dict[str, Any]], name: _Print, cell: _Print) -> list[str]:
     """Lay a breakdown out: a line a bin, a column an estimator and smoothing."""
     columns = list(dict.fromkeys((row["estimator"], row["smoothing"]) for row in found))
     cells: dict[str, dict[tuple[str, str], str]] = {}
     counts: dict[str, int] = {}
     for row in found:
-        key = (row["estimator"], row["smoothing"])
-        cells.setdefault(name(row), {})[key] = f"{row['rmse_velocity']:.3f}"
+        cells.setdefault(name(row), {})[row["estimator"], row["smoothing"]] = cell(row)
         counts[name(row)] = row["n"]
     header = ["", "n", *(f"{estimator} {smoothing}" for estimator, smoothing in columns)]
     body = [[key, str(counts[key]), *(line.get(c, "-") for c in columns)] for key, line in cells.items()]
-    return _markdown_table(header, body)
+    return _lines(header, body)
+
+
+def _rmse(row: dict[str, Any]) -> str:
+    return f"{row['rmse_velocity']:.3f}"
+
+
+def _calibration(row: dict[str, Any]) -> str:
+    return f"{row['nees']:.2f} ({row['coverage_95']:.1%})"
 
 
 def _range_name(row: dict[str, Any]) -> str:

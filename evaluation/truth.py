@@ -36,11 +36,13 @@ class TrueVelocity:
         velocity: [m/s], in the frame asked for.
         range_m: horizontal distance of the box centre at k from the sensor [m].
         is_parked: the object counts as parked for its whole life.
+        class_name: of the label at k, the data set's own word.
     """
 
     velocity: Vector2
     range_m: float
     is_parked: bool
+    class_name: str
 
 
 def true_velocities(
@@ -86,6 +88,7 @@ class _TrackBoxes:
     """The label of one object wherever it has one; gaps included."""
 
     track_id: int
+    class_names: tuple[str, ...]
     frames: Int64[np.ndarray, " n"]
     times: Float64[np.ndarray, " n"]
     centers_lidar: Centers
@@ -100,8 +103,9 @@ def _tracks(frames: Sequence[SegmentedFrame]) -> list[_TrackBoxes]:
     return [
         _TrackBoxes(
             track_id=track_id,
+            class_names=tuple(f.boxes[track_id].class_name for f in life),
             frames=np.array([f.index for f in life]),
-            times=np.array([f.timestamp for f in life]),
+            times=np.array([f.time_of(track_id) for f in life]),
             centers_lidar=np.array([f.boxes[track_id].center_lidar for f in life]),
             poses=tuple(f.T_world_lidar for f in life),
         )
@@ -115,7 +119,7 @@ def _steps(track: _TrackBoxes, centers: Centers, parked: bool) -> dict[tuple[int
     for i in np.flatnonzero(np.diff(track.frames) == 1) + 1:
         velocity = (centers[i] - centers[i - 1])[:2] / (track.times[i] - track.times[i - 1])
         range_m = float(np.hypot(*track.centers_lidar[i, :2]))
-        found[track.track_id, int(track.frames[i])] = TrueVelocity(velocity, range_m, parked)
+        found[track.track_id, int(track.frames[i])] = TrueVelocity(velocity, range_m, parked, track.class_names[i])
     return found
 
 

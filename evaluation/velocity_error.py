@@ -21,6 +21,8 @@ class VelocityScore:
         rmse_velocity: root-mean-square length of the error vector [m/s].
         rmse_speed: root-mean-square difference of the magnitudes [m/s], the papers' figure.
         median_velocity_error: median length of the error vector [m/s].
+        p99_velocity_error: 99 % of the error vectors are not longer [m/s]; percentiles between two steps' errors are
+            interpolated.
         abstained: number of steps whose velocity is a fallback.
         nees: mean normalised estimation error squared; 2 for an honest covariance, more when overconfident.
         coverage_95: share of errors inside the covariance's 95 % ellipse.
@@ -30,6 +32,7 @@ class VelocityScore:
     rmse_velocity: float
     rmse_speed: float
     median_velocity_error: float
+    p99_velocity_error: float
     abstained: int
     nees: float
     coverage_95: float
@@ -48,7 +51,7 @@ def score(
     """
     if len(estimated) == 0:
         nan = float("nan")
-        return VelocityScore(0, nan, nan, nan, 0, nan, nan)
+        return VelocityScore(0, nan, nan, nan, nan, 0, nan, nan)
     error = estimated - true
     length = np.hypot(error[:, 0], error[:, 1])
     speed_error = np.hypot(*estimated.T) - np.hypot(*true.T)
@@ -58,6 +61,7 @@ def score(
         rmse_velocity=float(np.sqrt(np.mean(length**2))),
         rmse_speed=float(np.sqrt(np.mean(speed_error**2))),
         median_velocity_error=float(np.median(length)),
+        p99_velocity_error=float(np.percentile(length, 99.0)),
         abstained=int(abstained.sum()),
         nees=float(np.mean(normalised)),
         coverage_95=float(np.mean(normalised <= chi2.ppf(COVERAGE, df=2))),

@@ -24,13 +24,7 @@ def load_open3d(needed_by: str) -> ModuleType:
         ctypes.CDLL(str(libusb.get_library_path()), mode=ctypes.RTLD_GLOBAL)
     except (ImportError, OSError):
         pass  # the system's own libusb may do: the import below decides
-    try:
-        return importlib.import_module("open3d")
-    except (ImportError, OSError) as error:
-        raise MissingLibraryError(
-            f"{needed_by} needs Open3D, which cannot be imported ({error}). "
-            "Install it with: pip install 'regmot[open3d]'"
-        ) from error
+    return _load("open3d", "Open3D", "open3d", needed_by)
 
 
 def load_small_gicp(needed_by: str) -> ModuleType:
@@ -42,10 +36,14 @@ def load_small_gicp(needed_by: str) -> ModuleType:
     Raises:
         MissingLibraryError: small_gicp cannot be imported.
     """
+    return _load("small_gicp", "small_gicp", "gicp", needed_by)
+
+
+def _load(module: str, title: str, extra: str, needed_by: str) -> ModuleType:
     try:
-        return importlib.import_module("small_gicp")
+        return importlib.import_module(module)
     except (ImportError, OSError) as error:
         raise MissingLibraryError(
-            f"{needed_by} needs small_gicp, which cannot be imported ({error}). "
-            "Install it with: pip install 'regmot[gicp]'"
+            f"{needed_by} needs {title}, which cannot be imported ({error}). "
+            f"Install it with: pip install 'regmot[{extra}]'"
         ) from error

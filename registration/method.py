@@ -45,10 +45,7 @@ class PairMethod(ABC):
         Raises:
             ValueError: there are priors, but not one a pair.
         """
-        if priors is None:
-            priors = [None] * len(pairs)
-        if len(priors) != len(pairs):
-            raise ValueError(f"align got {len(pairs)} pairs but {len(priors)} priors; expected one a pair")
+        priors = one_prior_a_pair(pairs, priors)
         return [self.align_pair(a, b, prior) for (a, b), prior in zip(pairs, priors, strict=True)]
 
     def register(self, source: ArrayLike, target: ArrayLike, prior: MotionPrior | None = None) -> RegistrationResult:
@@ -59,6 +56,19 @@ class PairMethod(ABC):
         """
         a, b = self.prepare([source, target])
         return self.align([(a, b)], [prior])[0]
+
+
+def one_prior_a_pair(pairs: Sequence[Any], priors: Sequence[MotionPrior | None] | None) -> Sequence[MotionPrior | None]:
+    """Give the priors that go with pairs: those of the caller, or none for any pair.
+
+    Raises:
+        ValueError: there are priors, but not one a pair.
+    """
+    if priors is None:
+        return [None] * len(pairs)
+    if len(priors) != len(pairs):
+        raise ValueError(f"align got {len(pairs)} pairs but {len(priors)} priors; expected one a pair")
+    return priors
 
 
 def prepare_seen_from(

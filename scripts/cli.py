@@ -24,6 +24,11 @@ Sequences = Annotated[
 Classes = Annotated[str, typer.Option(help="names, comma-separated")]
 FrameName = Annotated[str, typer.Option("--frame", help="world, or sensor: relative to the ego")]
 Clock = Annotated[str, typer.Option(help="auto: recorded times where there are any; nominal: 10 Hz")]
+Ego = Annotated[
+    str, typer.Option(help="auto, poses, oxts, odometry, refined, refined-smooth, none; refined:odometry starts there")
+]
+Deskew = Annotated[bool, typer.Option(help="move each object's points to one instant by the ego's motion")]
+BeamAngles = Annotated[bool, typer.Option(help="in odometry, correct KITTI's beams by 0.205 degrees")]
 Split = Annotated[str, typer.Option(help="all, id-train|val|test (as published), sequence-train|val|test")]
 Ranges = Annotated[str, typer.Option("--range", help="upper ends of the table's ranges [m]")]
 
@@ -48,7 +53,7 @@ def simulate(
     out: Annotated[Path, typer.Argument(help="the KITTI tracking folder to write")],
     scene: Annotated[
         str | None,
-        typer.Option(help="a scene of our own: urban (the default), highway, crossing, parked-row, roundabout, crowd"),
+        typer.Option(help="a scene: urban (the default), highway, crossing, parked-row, roundabout, crowd, braking"),
     ] = None,
     from_labels: Annotated[
         Path | None, typer.Option(metavar="ROOT", help="play the labels of a KITTI tracking folder again instead")
@@ -107,12 +112,17 @@ def compare(
     ranges: Ranges = "80,20,5",
     split: Split = "all",
     clock: Clock = "auto",
+    ego: Ego = "auto",
+    deskew: Deskew = False,
+    correct_beam_angles: BeamAngles = False,
     seed: Annotated[int, typer.Option(help="for methods that draw random numbers")] = 0,
     out: Annotated[Path, typer.Option(help="where tables, pictures and cut segments go")] = Path("out"),
 ) -> None:
     """Score velocity estimators on the same steps of KITTI tracklets, in one fair table.
 
     Example: regmot compare kitti/tracking --sequence 0000 --frame world --truth smoothed --out out
+
+    Example: regmot compare drives/2011_09_26 --ego refined --deskew --out out
     """
     settings = {
         "sequences": _names(",".join(sequence)),
@@ -126,6 +136,9 @@ def compare(
         "split": split,
         "clock": clock,
         "seed": seed,
+        "ego": ego,
+        "deskew": deskew,
+        "correct_beam_angles": correct_beam_angles,
     }
     _compare(root, out, settings)
 
@@ -138,6 +151,9 @@ def track(
     classes: Classes = "Car,Van",
     frame: FrameName = "world",
     clock: Clock = "auto",
+    ego: Ego = "auto",
+    deskew: Deskew = False,
+    correct_beam_angles: BeamAngles = False,
     out: Annotated[Path, typer.Option(help="one CSV a sequence is written here")] = Path("tracks"),
 ) -> None:
     """Follow the objects of KITTI sequences frame by frame and write their velocities.
@@ -149,7 +165,14 @@ def track(
     from .console import messages, progress_bars
 
     config = TrackConfig(
-        estimator=estimator, sequences=_names(",".join(sequence)), classes=_names(classes), frame=frame, clock=clock
+        estimator=estimator,
+        sequences=_names(",".join(sequence)),
+        classes=_names(classes),
+        frame=frame,
+        clock=clock,
+        ego=ego,
+        deskew=deskew,
+        correct_beam_angles=correct_beam_angles,
     )
     with progress_bars() as progress:
         paths = track_sequences(root, config, out, progress)
@@ -431,7 +454,8 @@ def _compare(root: Path, out: Path, settings: dict[str, Any]) -> None:
     found = report.results(comparison)
     for line in report.heading(found):
         messages.print(line, highlight=False)
-    print_table([name for name, _, _ in report.TABLE], [report.table_cells(row) for row in found["rows"]])
+    for table, body in ((report.TABLE, found["rows"]), (report.USE_TABLE, report.use_rows(found, is_brief=True))):
+        print_table([name for name, _, _ in table], [report.table_cells(row, table) for row in body])
     messages.print(f"tables: {path}, {out / 'report.md'}, {out / 'estimates.csv'}")
     for picture in plots.draw(comparison, out):
         messages.print(f"picture: {picture}")

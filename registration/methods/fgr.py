@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from registration import se3
-from registration.belief import believe
+from registration.belief import Belief
 from registration.features import (
     Correspondences,
     Doubt,
@@ -14,12 +14,11 @@ from registration.features import (
     FeatureSettings,
     agreement,
     correspond,
-    describe,
     from_origins,
 )
+from registration.global_search import FeatureMethod
 from registration.libraries import load_open3d
-from registration.method import PairMethod, nothing_known
-from registration.types import MotionPrior, Points, RegistrationResult, Status, Transform
+from registration.types import Points, RegistrationResult, Status, Transform
 from registration.uncertainty import of_features
 
 MIN_CORRESPONDENCES = 4  # three make a tuple; one more can contradict it
@@ -27,7 +26,7 @@ AGREEING = 0.075  # of a correspondence that is counted as agreeing with the ans
 
 
 @dataclass(frozen=True)
-class FastGlobalRegistration(PairMethod):
+class FastGlobalRegistration(FeatureMethod):
     """Minimise a scaled Geman-McClure cost over all feature correspondences, from a wide scale to a narrow one.
 
     Open3D's implementation; made planar as in AlignNet-3D's fork of it: correspondences are found in 3-D, then z
@@ -63,15 +62,8 @@ class FastGlobalRegistration(PairMethod):
             raise ValueError(f"division must be above 1, got {self.division}")
         load_open3d(self.name)
 
-    def prepare_cloud(self, points: Points) -> FeatureCloud:
-        """Thin the cloud and compute its features."""
-        return describe(points, self.features, self.name)
-
-    def align_pair(self, source: FeatureCloud, target: FeatureCloud, prior: MotionPrior | None) -> RegistrationResult:
-        """Optimise from no start at all; a prior only says which answers are doubted, and stands in for them."""
-        if len(source.points) == 0 or len(target.points) == 0:
-            return nothing_known(source.origin, Status.TOO_FEW_POINTS)
-        belief = believe(source.points, target.points, prior, self.believed_turn)
+    def search(self, source: FeatureCloud, target: FeatureCloud, belief: Belief) -> RegistrationResult:
+        """Optimise over all correspondences at once."""
         pairs, lift = correspond(source, target, self.height_tolerance, self.name)
         if len(pairs) < MIN_CORRESPONDENCES:
             return belief.result(Status.TOO_FEW_POINTS)

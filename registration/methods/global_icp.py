@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from registration import planar, uncertainty
-from registration.belief import believe
+from registration.belief import Belief
 from registration.features import (
     Correspondences,
     Doubt,
@@ -17,12 +17,11 @@ from registration.features import (
     FeatureSettings,
     agreement,
     correspond,
-    describe,
     from_origins,
 )
+from registration.global_search import FeatureMethod
 from registration.libraries import load_open3d
-from registration.method import PairMethod, nothing_known
-from registration.types import MotionPrior, Points, RegistrationResult, Status, Transform
+from registration.types import Points, RegistrationResult, Status, Transform
 
 BATCH = 4096  # samples drawn at once
 MAX_SCORED = 256  # hypotheses of a batch whose inliers are counted
@@ -43,7 +42,7 @@ class Hypotheses:
 
 
 @dataclass(frozen=True)
-class GlobalICP(PairMethod):
+class GlobalICP(FeatureMethod):
     """Draw small samples of feature correspondences, move by each, keep the motion that most of them agree on.
 
     Features and correspondences are Open3D's (`registration.features`); the sampling is ours, since Open3D's
@@ -84,19 +83,12 @@ class GlobalICP(PairMethod):
             raise ValueError(f"confidence must be between 0 and 1, got {self.confidence}")
         load_open3d(self.name)
 
-    def prepare_cloud(self, points: Points) -> FeatureCloud:
-        """Thin the cloud and compute its features."""
-        return describe(points, self.features, self.name)
-
-    def align_pair(self, source: FeatureCloud, target: FeatureCloud, prior: MotionPrior | None) -> RegistrationResult:
-        """Search all motions; a prior only says which answers are doubted, and stands in for them."""
-        if len(source.points) == 0 or len(target.points) == 0:
-            return nothing_known(source.origin, Status.TOO_FEW_POINTS)
-        belief = believe(source.points, target.points, prior, self.believed_turn)
+    def search(self, source: FeatureCloud, target: FeatureCloud, belief: Belief) -> RegistrationResult:
+        """Draw samples of correspondences, and keep the motion that explains the clouds best."""
         if min(len(source.thinned), len(target.thinned)) < self.n_samples:
             return belief.result(Status.TOO_FEW_POINTS)
         pairs, _ = correspond(source, target, self.height_tolerance, self.name)
-        hypotheses, n_drawn = self._search(source.thinned[pairs[:, 0]], target.thinned[pairs[:, 1]])
+        hypotheses, n_drawn = self._sample(source.thinned[pairs[:, 0]], target.thinned[pairs[:, 1]])
         if len(hypotheses.motions) == 0:
             return belief.result(Status.NOT_CONVERGED)
         T = self._choose(hypotheses, source, target, pairs)
@@ -115,7 +107,7 @@ class GlobalICP(PairMethod):
             n_iterations=n_drawn,
         )
 
-    def _search(self, source: Points, target: Points) -> tuple[Hypotheses, int]:
+    def _sample(self, source: Points, target: Points) -> tuple[Hypotheses, int]:
         """Draw samples of corresponding points until the confidence is reached; give the best hypotheses."""
         best = Hypotheses(np.empty((0, 4)), np.empty(0, dtype=np.int64))
         n_drawn, n_passed, n_needed = 0, 0, float(self.max_iterations)

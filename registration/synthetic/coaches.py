@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from registration.errors import SimulationError, unknown_name
 from registration.synthetic.meshes import Material, Mesh, ellipsoid, merge, tube
 from registration.synthetic.parts import axle, both_sides, draw_paint, fitted, plate, rounded_box, shell
-from registration.synthetic.trucks import draw_size
+from registration.synthetic.trucks import draw_size, size_of_kind
 from registration.types import Point
 
 _BUS_SIZE = ((8.5, 13.0), (2.40, 2.55), (2.85, 3.45))
@@ -71,20 +70,12 @@ def draw_tram(rng: np.random.Generator, size: Point | None = None) -> Mesh:
 def draw_trailer(rng: np.random.Generator, size: Point | None = None, kind: str | None = None) -> Mesh:
     """Draw a caravan or an open or boxed trailer, drawbar ahead.
 
-    Args:
-        rng: source of everything about it.
-        size: length, width and height that it must have [m]; None for usual ones.
-        kind: one of `TRAILERS`; None for one that is usual at this size.
-
-    Raises:
-        SimulationError: no such kind, or a size that is not positive.
+    Arguments and errors are those of `trucks.draw_truck`; kinds are those of `TRAILERS`.
     """
     if kind is None:
         is_large = rng.uniform() < 0.5 if size is None else bool(size[0] > 4.2 and size[2] > 2.0)
         kind = "caravan" if is_large else "trailer"
-    if kind not in _TRAILER_SIZES:
-        raise SimulationError(unknown_name("kind of trailer", kind, TRAILERS))
-    wanted = draw_size(_TRAILER_SIZES[kind], rng) if size is None else size
+    wanted = size_of_kind("kind of trailer", kind, _TRAILER_SIZES, size, rng)
     least = [3.0, 1.6, 1.8] if kind == "caravan" else [1.5, 0.9, 0.7]
     built = np.maximum(wanted, least)
     parts = _caravan(built, rng) if kind == "caravan" else _trailer(built, rng)

@@ -110,8 +110,8 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def normalised(mesh: Mesh) -> Mesh:
-    """Centre a mesh's bounding box on the origin, and scale it so that its longest side is 1.
+def normalised(mesh: Mesh, longest: float = 1.0) -> Mesh:
+    """Centre a mesh's bounding box on the origin, and scale it so that its longest side is `longest` [m].
 
     The paper's text takes the centroid instead of the centre; what its authors released takes this, and so do we.
 
@@ -126,7 +126,7 @@ def normalised(mesh: Mesh) -> Mesh:
     extent = float((upper - lower).max())
     if not extent > 0.0:
         raise SimulationError("a mesh of no extent cannot be normalised")
-    return Mesh((mesh.vertices - 0.5 * (lower + upper)) / extent, mesh.triangles, mesh.material)
+    return Mesh((mesh.vertices - 0.5 * (lower + upper)) * (longest / extent), mesh.triangles, mesh.material)
 
 
 def loft(

@@ -18,7 +18,7 @@ from registration.synthetic.aim import beams_towards
 from registration.synthetic.library import FolderSource, MeshSource, ParametricSource
 from registration.synthetic.lidar import SYMMETRIC_64, BeamModel, PlacedMesh, scan
 from registration.synthetic.mesh_files import read_mesh
-from registration.synthetic.meshes import Mesh
+from registration.synthetic.meshes import Mesh, normalised
 from registration.types import Point, Points, Transform
 
 MAX_SHIFT = 1.0  # of the centre between the two poses [m]
@@ -94,7 +94,7 @@ class SynthScenes:
                 for part in parts:
                     self.meshes.draw(category, part, np.random.default_rng(0))
                     for file in self.meshes.files(category, part):
-                        normalised(read_mesh(file.path), 1.0)
+                        normalised(read_mesh(file.path))
 
     def draw(self, part: str, rng: np.random.Generator) -> CloudPair | None:
         """Draw an object and two poses, and scan both; None where the sensor is inside the object."""
@@ -125,19 +125,6 @@ def draw_poses(rng: np.random.Generator, radius: tuple[float, float] = RADIUS) -
     shift = rng.uniform(0.0, MAX_SHIFT) * _unit(direction)
     turn = rng.uniform(-MAX_TURN, MAX_TURN)
     return se3.from_yaw(float(heading), start), se3.from_yaw(float(heading + turn), start + shift)
-
-
-def normalised(mesh: Mesh, scale: float) -> Mesh:
-    """Centre a mesh's bounding box on the origin, and make its longest side `scale` long [m].
-
-    Raises:
-        PairSetError: the mesh has no extent.
-    """
-    lower, upper = mesh.bounds
-    extent = float((upper - lower).max())
-    if not extent > 0.0:
-        raise PairSetError("a mesh of no extent cannot be scaled")
-    return mesh.moved(se3.pose(np.eye(3), -0.5 * (lower + upper))).stretched(np.full(3, scale / extent))
 
 
 def synth_scenes(name: str, meshes: Path | None = None) -> SynthScenes:

@@ -1,5 +1,7 @@
 """Parametric trucks: a cab and what it carries or pulls, of any length, width and height."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from registration.errors import SimulationError, unknown_name
@@ -7,11 +9,13 @@ from registration.synthetic.meshes import Material, Mesh, merge, tube
 from registration.synthetic.parts import PAINTS, Span, axle, both_sides, draw_paint, fitted, plate, rounded_box, shell
 from registration.types import Point
 
+Ranges = tuple[tuple[float, float], ...]  # of lengths, widths and heights [m]
+
 _LONG = 11.0  # from which length on a truck is articulated [m]
 _WHEEL_WIDTH = 0.30
 
 # Usual lengths, widths and heights [m].
-_SIZES: dict[str, tuple[tuple[float, float], ...]] = {
+_SIZES: dict[str, Ranges] = {
     "box truck": ((5.6, 9.8), (2.15, 2.55), (2.8, 3.8)),
     "flatbed truck": ((5.6, 9.5), (2.15, 2.55), (2.4, 3.2)),
     "tank truck": ((6.5, 9.5), (2.40, 2.55), (3.0, 3.5)),
@@ -34,16 +38,27 @@ def draw_truck(rng: np.random.Generator, size: Point | None = None, kind: str | 
     if kind is None:
         is_long = rng.uniform() < 0.35 if size is None else bool(size[0] > _LONG)
         kind = "articulated truck" if is_long else str(rng.choice(TRUCKS[:3], p=[0.6, 0.25, 0.15]))
-    if kind not in _SIZES:
-        raise SimulationError(unknown_name("kind of truck", kind, TRUCKS))
-    wanted = draw_size(_SIZES[kind], rng) if size is None else size
+    wanted = size_of_kind("kind of truck", kind, _SIZES, size, rng)
     # A label may cut a truck off: it is then built as long as the shortest, and shrunk.
     built = np.maximum(wanted, [5.0, 1.8, 2.0])
     parts = _articulated_truck(built, rng) if kind == "articulated truck" else _rigid_truck(built, rng, kind)
     return fitted(merge(parts), wanted)
 
 
-def draw_size(ranges: tuple[tuple[float, float], ...], rng: np.random.Generator) -> Point:
+def size_of_kind(
+    what: str, kind: str, sizes: Mapping[str, Ranges], size: Point | None, rng: np.random.Generator
+) -> Point:
+    """Give the size that is wanted, or draw one that is usual for a kind [m].
+
+    Raises:
+        SimulationError: no such kind, which the message calls `what`.
+    """
+    if kind not in sizes:
+        raise SimulationError(unknown_name(what, kind, sizes))
+    return draw_size(sizes[kind], rng) if size is None else size
+
+
+def draw_size(ranges: Ranges, rng: np.random.Generator) -> Point:
     """Draw a length, a width and a height from even ranges that grow together by half [m]."""
     share = 0.5 * rng.uniform() + 0.5 * rng.uniform(size=3)
     low, high = np.array(ranges).T

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from evaluation.delay import acceleration_steps
 from registration import se3
 from registration.synthetic.bodies import RigidBody
 from registration.synthetic.lidar import HDL_64E, BeamModel
@@ -18,14 +19,14 @@ from tracker.simulation.catalogue import SCENES
 from tracker.simulation.folder import simulate_frame
 from tracker.simulation.footprints import corners, separations
 from tracker.simulation.planning import Occupancy, Style, plan_speed
-from tracker.simulation.scenes import Scene
+from tracker.simulation.scenes import CLASSES, Scene
 from tracker.simulation.speeds import SampledSpeed, Speed
 from tracker.simulation.trajectories import Standing, curve_from_curvature
 
 COARSE = BeamModel("coarse", HDL_64E.elevations[::4], float(np.deg2rad(0.7)))
-NEW = ["highway", "crossing", "parked-row", "roundabout", "crowd"]
-LONG = {"highway": 110, "crossing": 180, "parked-row": 300, "roundabout": 200, "crowd": 40}  # with seed 0 [frames]
-SHORT = 30  # with seed 1
+NEW = ["highway", "crossing", "parked-row", "roundabout", "crowd", "braking"]
+LONG = {"highway": 110, "crossing": 180, "parked-row": 300, "roundabout": 200, "crowd": 40, "braking": 100}
+SHORT = 30  # frames with seed 1; those above with seed 0
 # What their docstrings say: hardest braking, acceleration, and the one across [m/s^2]; the highest speed [m/s].
 RANGES = {
     "highway": (4.0, 1.8, 2.5, 36.0),
@@ -33,6 +34,7 @@ RANGES = {
     "parked-row": (0.5, 0.5, 1.6, 16.0),
     "roundabout": (4.0, 2.2, 3.3, 13.2),
     "crowd": (3.0, 1.1, 2.0, 5.2),
+    "braking": (7.5, 4.1, 1.5, 18.1),
 }
 CASES = [(name, 0, n_frames) for name, n_frames in LONG.items()] + [(name, 1, SHORT) for name in NEW]
 STRAIGHT = curve_from_curvature(np.zeros(2), 0.0, [(300.0, 0.0)])
@@ -210,7 +212,43 @@ def test_scenes_are_only_so_long(name, n_frames):
         create_scene(name, 0, n_frames)
 
 
+@pytest.mark.parametrize("name", [*NEW, "urban"])
+def test_a_seed_below_zero_is_refused_with_our_own_error(name):
+    with pytest.raises(InputError, match="seed >= 0, got -1"):
+        create_scene(name, -1, 5)
+
+
+@pytest.mark.parametrize("name", ["highway", "crossing"])
+def test_buses_are_labelled_with_a_word_that_kitti_has(name):
+    scene = scene_of(name, 0, LONG[name])
+    buses = [actor for actor in scene.actors if actor.class_name == "Misc"]
+    assert buses
+    assert all(actor.body.size[0] > 8.0 for actor in buses)
+    assert {a.class_name for a in scene.actors} <= set(CLASSES)
+    with pytest.raises(InputError, match="no class of KITTI's 'Bus'"):
+        dataclasses.replace(scene.actors[0], class_name="Bus")
+
+
 # --- what each scene is there for
+
+
+@pytest.mark.parametrize(("seed", "n_frames"), [(0, LONG["braking"]), (1, 60)])
+def test_all_but_the_ego_car_brake_hard_and_speed_up_again(seed, n_frames):
+    scene = scene_of("braking", seed, n_frames)
+    times = times_of(scene)
+    moving, (tracks, _) = motions(scene, times), tracks_of(scene, times)
+    assert np.ptp(moving["speed"][0]) < 1e-6
+    braked, sped_up = moving["along"][1:].min(axis=1) < -3.0, moving["along"][1:].max(axis=1) > 1.9
+    assert braked.mean() > 0.5
+    assert sped_up.mean() > 0.5
+    range_m = np.linalg.norm(tracks[1:, :, :2] - tracks[0, :, :2], axis=-1)
+    steps = [
+        row
+        for track, away in zip(tracks[1:, :, :2], range_m, strict=True)
+        for row in acceleration_steps(times[1:], np.diff(track, axis=0) / 0.1)
+        if away[row + 1] < 60.0
+    ]
+    assert len(steps) >= 2.0 * scene.n_frames * scene.period, "a delay needs many of them"
 
 
 @pytest.mark.parametrize(("seed", "n_frames"), [(0, LONG["highway"]), (1, SHORT)])

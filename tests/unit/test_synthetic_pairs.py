@@ -11,8 +11,8 @@ from registration.errors import PairSetError, SimulationError
 from registration.synthetic.aim import beams_towards
 from registration.synthetic.catalogue import create_recipe
 from registration.synthetic.lidar import HDL_64E, SYMMETRIC_64, PlacedMesh, scan
-from registration.synthetic.meshes import Mesh
-from registration.synthetic.pairs import Kind, draw_poses, normalised
+from registration.synthetic.meshes import Mesh, normalised
+from registration.synthetic.pairs import Kind, draw_poses
 from registration.synthetic.production import Order, make_pair, make_pair_set
 from tests.pair_recipes import Boxes, synth
 
@@ -51,7 +51,7 @@ def test_a_mesh_is_centred_by_its_box_and_scaled_by_its_longest_side():
 
 def test_a_mesh_of_no_extent_is_refused():
     flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros(1, dtype=np.int64))
-    with pytest.raises(PairSetError, match="no extent"):
+    with pytest.raises(SimulationError, match="no extent"):
         normalised(flat, 2.0)
 
 

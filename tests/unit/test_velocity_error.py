@@ -39,3 +39,11 @@ def test_no_steps_give_undefined_figures_not_zeros():
     assert found.n == 0
     assert np.isnan(found.rmse_velocity)
     assert np.isnan(found.nees)
+
+
+def test_the_99th_percentile_looks_at_the_tail_the_median_at_the_middle():
+    error = np.zeros((101, 2))
+    error[:, 1] = np.arange(101.0)  # 0 to 100 m/s: as many percent
+    found = score(error, np.zeros_like(error), np.tile(np.eye(2), (101, 1, 1)), np.zeros(101, dtype=bool))
+    assert found.median_velocity_error == pytest.approx(50.0)
+    assert found.p99_velocity_error == pytest.approx(99.0)

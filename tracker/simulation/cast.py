@@ -29,6 +29,7 @@ MAX_FRAMES = 300
 ATTEMPTS = 30  # at a cast that has room for the ego car
 MARGIN = 0.2  # between any two [m]
 PERSONS = ("Pedestrian", "Person_sitting")
+LABELS = {"Bus": "Misc"}  # bodies for which KITTI has no word of its own
 
 _LEAD = 1.0  # how long before the first sweep, and after the last, everybody is looked after [s]
 _STRIDE = round(STEP / PERIOD)
@@ -112,10 +113,10 @@ class Cast:
         return PERIOD * (self.n_frames - 1)
 
     def draw(self, class_name: str, size: Point | None = None) -> Character:
-        """Draw somebody of a class, and, if a size is given, of that length, width and height [m]."""
+        """Draw somebody of a class, or a bus, and, if a size is given, of that length, width and height [m]."""
         if class_name == "Pedestrian" and size is None:
             return Character(class_name, draw_walker(self.rng))
-        return Character(class_name, draw_body(class_name, self.rng, size))
+        return Character(LABELS.get(class_name, class_name), draw_body(class_name, self.rng, size))
 
     def draw_standing(self) -> Character:
         """Draw a person who stands."""
@@ -141,6 +142,10 @@ class Cast:
         if speed.speeds.min() < style.slowest:
             return False
         return self._join(who, Drive(path, speed, s - speed.distance(self.times[0]), 0.0, who.axle_x))
+
+    def lead(self, who: Character, path: Curve, s: float, speed: SpeedProfile) -> bool:
+        """Let somebody go along a path as it likes, the axle at s at time 0; False when someone is in the way."""
+        return self._join(who, Drive(path, speed, s, 0.0, who.axle_x))
 
     def stand(self, who: Character, x: float, y: float, yaw: float) -> bool:
         """Let somebody stand, or a car be parked; False when someone is in the way."""

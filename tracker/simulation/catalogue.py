@@ -1,20 +1,19 @@
 """The traffic scenes that we have, by name."""
 
 import dataclasses
-from collections.abc import Callable
 
 from registration.errors import unknown_name
 from tracker.errors import InputError
+from tracker.simulation.braking import braking_scene
 from tracker.simulation.crossing import crossing_scene
 from tracker.simulation.crowd import crowd_scene
 from tracker.simulation.highway import highway_scene
 from tracker.simulation.parked_row import parked_row_scene
 from tracker.simulation.roundabout import roundabout_scene
-from tracker.simulation.scenes import Scene
+from tracker.simulation.scenes import Scene, SceneRecipe
 from tracker.simulation.street import street_scene
 
-# A scene by name: a function of a seed and a number of frames.
-SCENES: dict[str, Callable[[int, int], Scene]] = {
+SCENES: dict[str, SceneRecipe] = {
     "urban": street_scene,
     "street": street_scene,  # its first name
     "highway": highway_scene,
@@ -22,6 +21,7 @@ SCENES: dict[str, Callable[[int, int], Scene]] = {
     "parked-row": parked_row_scene,
     "roundabout": roundabout_scene,
     "crowd": crowd_scene,
+    "braking": braking_scene,
 }
 
 
@@ -29,8 +29,10 @@ def create_scene(name: str = "street", seed: int = 0, n_frames: int = 100) -> Sc
     """Set one of the scenes that we have.
 
     Raises:
-        InputError: no scene has this name, or the scene is not that long.
+        InputError: no scene has this name, the scene is not that long, or the seed is negative.
     """
+    if seed < 0:
+        raise InputError(f"expected a seed >= 0, got {seed}")
     if name not in SCENES:
         raise InputError(unknown_name("scene", name, SCENES))
     return dataclasses.replace(SCENES[name](seed, n_frames), name=name)

@@ -36,12 +36,7 @@ def crowd_scene(seed: int = 0, n_frames: int = 100) -> Scene:
     front.  Accelerations are -3 to 1.1 m/s^2 along the way, and up to 2 m/s^2 across it.  The seed draws who goes
     where and when, and with whom.
 
-    Args:
-        seed: of the scene.
-        n_frames: number of sweeps, 10 a second.
-
-    Raises:
-        InputError: fewer than 1 or more than 300 frames.
+    Arguments and errors are those of a `SceneRecipe`.
     """
     rng = np.random.default_rng([seed, 5])
     reach = 0.4 * n_frames + 45.0

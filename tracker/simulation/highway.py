@@ -28,12 +28,7 @@ def highway_scene(seed: int = 0, n_frames: int = 100) -> Scene:
     are 17 to 36 m/s; accelerations -4 to 1.8 m/s^2 along the way, and up to 2.5 m/s^2 across it.  The seed draws who
     drives where and how fast, who changes lanes, and the bends.
 
-    Args:
-        seed: of the scene.
-        n_frames: number of sweeps, 10 a second.
-
-    Raises:
-        InputError: fewer than 1 or more than 300 frames.
+    Arguments and errors are those of a `SceneRecipe`.
     """
     rng = np.random.default_rng([seed, 1])
     reach = 3.4 * n_frames + 420.0

@@ -1,11 +1,13 @@
 """What there is to see: actors that move, a background that does not, and the car with the sensor."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float64
 
 from registration import se3
+from registration.errors import unknown_name
 from registration.synthetic.bodies import Body
 from registration.synthetic.meshes import Mesh
 from registration.types import Transform
@@ -14,6 +16,7 @@ from tracker.kitti.calib import Calibration
 from tracker.simulation.trajectories import EgoDrive, Motion
 
 PERIOD = 0.1  # between two sweeps [s]
+CLASSES = ("Car", "Van", "Truck", "Pedestrian", "Person", "Person_sitting", "Cyclist", "Tram", "Misc")  # KITTI's
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class Actor:
 
     Attributes:
         track_id: unique in its scene.
-        class_name: KITTI's word: `Car`, `Van`, `Pedestrian`.
+        class_name: one of `CLASSES`.
         body: what it looks like.
         motion: where it is; the origin is on the ground below its centre.
     """
@@ -31,6 +34,10 @@ class Actor:
     class_name: str
     body: Body
     motion: Motion
+
+    def __post_init__(self) -> None:
+        if self.class_name not in CLASSES:
+            raise InputError(unknown_name("class of KITTI's", self.class_name, CLASSES))
 
     def mesh(self, t: float) -> Mesh:
         """Shape at time t, in the actor's own axes."""
@@ -105,6 +112,21 @@ class Scene:
         """Corners of the ego car on the ground at time t, in the world [m]."""
         T_imu_center = se3.from_yaw(0.0, np.array([self.ego_center_x, self.ego_center_y, 0.0]))
         return _rectangle(self.T_world_imu(t) @ T_imu_center, self.ego_length, self.ego_width)
+
+
+class SceneRecipe(Protocol):
+    """What sets a scene: its random numbers are its own, apart from those of the sensor."""
+
+    def __call__(self, seed: int = 0, n_frames: int = 100) -> Scene:
+        """Set the scene.
+
+        Args:
+            seed: of the scene, 0 or more.
+            n_frames: number of sweeps, 10 a second.
+
+        Raises:
+            InputError: fewer than 1 frame, or more than the scene is long: 300 unless it says otherwise.
+        """
 
 
 def _rectangle(T_world_obj: Transform, length: float, width: float) -> Float64[np.ndarray, "4 2"]:
