@@ -13,7 +13,7 @@ $(READY): pyproject.toml constraints.txt
 		|| { echo "regmot needs Python 3.10 or newer, got $$($(PYTHON) --version); try make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[open3d,gicp,train,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[open3d,gicp,odometry,train,dev]'
 	@touch $@
 
 demo: $(READY)

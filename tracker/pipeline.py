@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from tracker.ego_motion.common_mode import with_pose_covariance
 from tracker.estimators import Estimator
 from tracker.tracklets import cut, of_classes
 from tracker.types import Box, Frame, SegmentedFrame, VelocityEstimate
@@ -34,6 +35,7 @@ class Tracker:
         """Start with no tracks."""
         self._estimator, self._classes = estimator, classes
         self._ages: dict[int, int] = {}
+        self._time: float | None = None
 
     def update(self, frame: Frame) -> list[Track]:
         """Take the next frame: cut its segments and estimate a velocity for each.
@@ -47,6 +49,8 @@ class Tracker:
         segments = of_classes(frame.segments, self._classes)
         self._ages = {track_id: self._ages.get(track_id, 0) + 1 for track_id in segments}
         estimates = self._estimator.step(segments, frame.timestamp, frame.T_world_lidar)
+        estimates = with_pose_covariance(estimates, frame, None if self._time is None else frame.timestamp - self._time)
+        self._time = frame.timestamp
         return [
             Track(track_id, segment.class_name, self._ages[track_id], frame.boxes[track_id], estimates[track_id])
             for track_id, segment in segments.items()

@@ -1,6 +1,5 @@
 """Segments on disk: cut once from a sequence's scans, in parts, resumable, and read again frame by frame."""
 
-import hashlib
 import json
 import re
 import zipfile
@@ -18,15 +17,16 @@ from tracker.kitti import KittiSequence
 from tracker.tracklets import cut, segment_of
 from tracker.types import Box, SegmentedFrame
 
-FORMAT, FORMAT_VERSION = "regmot-segments", 1
+FORMAT, FORMAT_VERSION = "regmot-segments", 2
 FRAMES_PER_PART = 50
+UNCLAIMED = np.full((3, 3), np.nan)  # stands for a covariance that nobody claims
 
 _OURS = re.compile(
     rf"(manifest\.json|part-\d{{4,}}\.npz)({re.escape(UNFINISHED)})?"
 )  # all that a store's folder ever holds
 _COLUMNS = (
-    "index", "timestamp", "has_pose", "T_world_lidar",
-    "box_frame", "track_id", "class_name", "T_lidar_obj", "size", "truncation", "occlusion", "n_points",
+    "index", "timestamp", "has_pose", "T_world_lidar", "ego_step_covariance",
+    "box_frame", "track_id", "class_name", "T_lidar_obj", "size", "truncation", "occlusion", "n_points", "seen_at",
     "points_lidar",
 )  # fmt: skip
 # What NumPy and zipfile raise on damaged archives, by where the damage is.
@@ -41,7 +41,7 @@ class SegmentStore:
 
     Attributes:
         folder: holds `manifest.json` and `part-NNNN.npz`.
-        manifest: format, version, sequence, clock, ego, n_frames, missing_scans, fingerprint.
+        manifest: format, version, sequence, clock, ego, flagged_poses, deskewed, n_frames, missing_scans, fingerprint.
     """
 
     folder: Path
@@ -64,7 +64,8 @@ class SegmentStore:
 def cut_sequence(sequence: KittiSequence, out: Path, progress: Progress | None = None) -> SegmentStore:
     """Cut all segments of a sequence into `out/<name>`; parts that are there already are kept.
 
-    A store made from other files (labels, poses, times, scans), or by another format version, is made anew.
+    A store made from other files (labels, poses, times, scans), with other ego poses, or by another format version, is
+    made anew.
 
     Args:
         sequence: what to cut.
@@ -106,24 +107,13 @@ def _describe(sequence: KittiSequence, missing: list[int]) -> dict[str, Any]:
         "sequence": sequence.name,
         "clock": sequence.clock,
         "ego": sequence.ego,
+        "flagged_poses": list(sequence.flagged),
+        "deskewed": sequence.sweep is not None,
         "n_frames": len(sequence),
         "missing_scans": missing,
         "frames_per_part": FRAMES_PER_PART,
-        "fingerprint": _fingerprint(sequence),
+        "fingerprint": sequence.fingerprint(),
     }
-
-
-def _fingerprint(sequence: KittiSequence) -> str:
-    """Tell sequences apart by the bytes of their tables and the sizes and times of their scans."""
-    digest = hashlib.sha256(sequence.clock.encode())
-    for path in sequence.sources:
-        digest.update(path.read_bytes())
-    for frame in range(len(sequence)):
-        path = sequence.scan_path(frame)
-        if path.is_file():
-            stat = path.stat()
-            digest.update(f"{frame} {stat.st_size} {stat.st_mtime_ns}\n".encode())
-    return digest.hexdigest()
 
 
 def _prepare_folder(folder: Path, manifest: dict[str, Any]) -> None:
@@ -168,6 +158,9 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
         "T_world_lidar": np.array(
             [np.eye(4) if frame.T_world_lidar is None else frame.T_world_lidar for frame in frames]
         ),
+        "ego_step_covariance": np.array(
+            [UNCLAIMED if frame.ego_step_covariance is None else frame.ego_step_covariance for frame in frames]
+        ).reshape(-1, 3, 3),
         "box_frame": np.array([row for row, _ in boxes], dtype=np.int64),
         "track_id": np.array([box.track_id for _, box in boxes], dtype=np.int64),
         "class_name": np.array([box.class_name for _, box in boxes], dtype=np.str_),
@@ -175,6 +168,7 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
         "size": np.array([box.size for _, box in boxes]).reshape(-1, 3),
         "truncation": np.array([box.truncation for _, box in boxes], dtype=np.int64),
         "occlusion": np.array([box.occlusion for _, box in boxes], dtype=np.int64),
+        "seen_at": np.array([frames[row].time_of(box.track_id) for row, box in boxes], dtype=np.float64),
         "n_points": np.array([-1 if s is None else len(s.points_lidar) for s in segments], dtype=np.int64),
         "points_lidar": np.concatenate([np.empty((0, 3)), *clouds]).astype(np.float32),
     }
@@ -194,15 +188,20 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
     for row, index in enumerate(columns["index"]):
         timestamp = float(columns["timestamp"][row])
         T_world_lidar = columns["T_world_lidar"][row] if columns["has_pose"][row] else None
-        boxes, segments = {}, {}
+        covariance = columns["ego_step_covariance"][row]
+        boxes, segments, seen_at = {}, {}, {}
         for i in np.flatnonzero(columns["box_frame"] == row):
             box = _read_box(columns, int(i))
             boxes[box.track_id] = box
+            time = float(columns["seen_at"][i])
+            if time != timestamp:
+                seen_at[box.track_id] = time
             n = int(columns["n_points"][i])
             if n >= 0:
                 cloud = points[ends[i] - n : ends[i]].copy()  # a view would keep the whole part in memory
-                segments[box.track_id] = segment_of(box, cloud, int(index), timestamp, T_world_lidar)
-        yield SegmentedFrame(int(index), timestamp, segments, boxes, T_world_lidar)
+                segments[box.track_id] = segment_of(box, cloud, int(index), time, T_world_lidar)
+        claimed = None if np.isnan(covariance).any() else covariance
+        yield SegmentedFrame(int(index), timestamp, segments, boxes, T_world_lidar, claimed, seen_at)
 
 
 def _read_box(columns: dict[str, np.ndarray], i: int) -> Box:

@@ -4,19 +4,30 @@ from collections.abc import Collection, Iterable, Iterator
 
 from registration.types import Points, Transform
 from tracker.boxes import points_in_boxes
+from tracker.ego_motion.sweep import at_one_instant
 from tracker.types import Box, Frame, Segment, SegmentedFrame, Tracklet
 
 
 def cut(frame: Frame) -> SegmentedFrame:
-    """Cut the segments of all boxes of a frame; a frame without a scan has boxes and no segments."""
+    """Cut the segments of all boxes of a frame; a frame without a scan has boxes and no segments.
+
+    Where the frame says how the sensor moved during the sweep, points and boxes are moved to one instant.
+    """
     segments = {}
     if frame.points_lidar is not None:
         rows = points_in_boxes(frame.points_lidar, frame.boxes)
         for box, found in zip(frame.boxes, rows, strict=True):
             points_lidar = frame.points_lidar[found]
             segments[box.track_id] = segment_of(box, points_lidar, frame.index, frame.timestamp, frame.T_world_lidar)
-    boxes = {box.track_id: box for box in frame.boxes}
-    return SegmentedFrame(frame.index, frame.timestamp, segments, boxes, frame.T_world_lidar)
+    segmented = SegmentedFrame(
+        index=frame.index,
+        timestamp=frame.timestamp,
+        segments=segments,
+        boxes={box.track_id: box for box in frame.boxes},
+        T_world_lidar=frame.T_world_lidar,
+        ego_step_covariance=frame.ego_step_covariance,
+    )
+    return segmented if frame.sweep is None else at_one_instant(segmented, frame.sweep)
 
 
 def segment_of(

@@ -232,3 +232,56 @@ def test_a_malformed_record_is_refused_with_file_and_line(tmp_path):
     write(drive / "oxts" / "data" / f"{3:010d}.txt", "49.0 8.4\n")
     with pytest.raises(DataError, match=r"0000000003\.txt:1: expected 30 columns, got 2"):
         open_drive(tmp_path)
+
+
+def stamped_drive(tmp_path, **settings):
+    """Write a drive whose GPS/IMU records are stamped 4 ms after its scans, as KITTI's are by a few."""
+    drive = write_raw(tmp_path, **settings)
+    in_minute = [seconds(k) - seconds(0) + 25.004 for k in range(settings["n_frames"])]
+    write(drive / "oxts" / "timestamps.txt", "".join(f"2011-09-26 13:02:{t:012.9f}\n" for t in in_minute))
+    return drive
+
+
+def test_records_stamped_like_the_scans_give_poses_at_the_scans_own_times(tmp_path):
+    stamped_drive(tmp_path, n_frames=7)
+    sequence = open_drive(tmp_path)
+    assert (sequence.ego, sequence.flagged) == ("oxts at the scans' times", ())
+    for k in range(1, 7):  # record k is 4 ms late: 4 ms of the way back to record k - 1
+        step = seconds(k) - seconds(k - 1)
+        expected = true_pose(k)[:3, 3] + 0.004 / step * (true_pose(k - 1) - true_pose(k))[:3, 3]
+        np.testing.assert_allclose(sequence.poses[k][:3, 3], expected, atol=1e-5)
+    assert any(path.parent.name == "oxts" and path.name == "timestamps.txt" for path in sequence.sources)
+
+
+def test_a_gap_in_stamped_records_is_bridged_and_flagged_and_changes_nothing_else(tmp_path):
+    drive = stamped_drive(tmp_path / "whole", n_frames=12)
+    whole = open_drive(tmp_path / "whole")
+    stamped_drive(tmp_path / "holed", n_frames=12)
+    for lost in (5, 6, 7):
+        (tmp_path / "holed" / drive.relative_to(tmp_path / "whole") / "oxts" / "data" / f"{lost:010d}.txt").unlink()
+    holed = open_drive(tmp_path / "holed")
+    assert holed.flagged == (5, 6, 7, 8)  # record 8 is 4 ms after scan 8
+    others = [k for k in range(12) if k not in holed.flagged]
+    np.testing.assert_array_equal(holed.poses[others], whole.poses[others])
+    assert np.isfinite(holed.poses).all()
+    assert holed.step_covariance(4) is None
+    assert np.sqrt(holed.step_covariance(6)[0, 0]) > 0.5  # [m]
+    assert holed.frame(9).ego_step_covariance is not None  # from a guess
+    assert holed.frame(10).ego_step_covariance is None
+
+
+def test_poses_that_a_drive_does_not_have_are_refused_by_name(tmp_path):
+    drive = write_raw(tmp_path)
+    with pytest.raises(MissingDataError, match="a raw drive has no poses file, only oxts"):
+        open_drive(tmp_path, recorded="poses")
+    assert open_drive(tmp_path, recorded="none").poses is None
+    for path in (drive / "oxts" / "data").iterdir():
+        path.unlink()
+    with pytest.raises(MissingDataError, match=r"no records; drive .* has no oxts"):
+        open_drive(tmp_path, recorded="oxts")
+
+
+def test_an_unknown_kind_of_records_is_refused(tmp_path):
+    write_raw(tmp_path)
+    with pytest.raises(InputError, match="unknown recorded poses 'gps'; expected one of auto, poses, oxts, none"):
+        open_drive(tmp_path, recorded="gps")

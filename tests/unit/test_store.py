@@ -3,6 +3,7 @@
 import json
 import os
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tracker.errors import DataError, MissingDataError
 from tracker.kitti import open_sequence
 from tracker.store import cut_sequence
 from tracker.tracklets import cut
+from tracker.types import Sweep
 
 LONG_AGO = 1_000_000_000  # [s]: a time of writing that no new file has
 
@@ -52,6 +54,8 @@ def assert_equal_frames(found, expected):
     for a, b in zip(found, expected, strict=True):
         assert a.timestamp == b.timestamp
         assert (a.T_world_lidar is None) == (b.T_world_lidar is None)
+        assert (a.ego_step_covariance is None) == (b.ego_step_covariance is None)
+        assert a.seen_at == b.seen_at
         if a.T_world_lidar is not None:
             np.testing.assert_array_equal(a.T_world_lidar, b.T_world_lidar)
         assert list(a.boxes) == list(b.boxes)
@@ -71,6 +75,23 @@ def assert_equal_frames(found, expected):
 
 
 # --- round trip
+
+
+@pytest.mark.parametrize("to_frame_time", [True, False])
+def test_looks_at_objects_and_points_moved_to_them_come_back(training, tmp_path, to_frame_time):
+    write(training / "poses" / "0000.txt", pose_rows(5))
+    sequence = replace(opened(training), sweep=Sweep(np.zeros(6), to_frame_time=to_frame_time), flagged=(2,))
+    store = cut_sequence(sequence, tmp_path / "store")
+    assert store.manifest["deskewed"] is True
+    for found, frame in zip(store.frames(), sequence.frames(), strict=True):
+        expected = cut(frame)
+        assert found.seen_at == expected.seen_at
+        assert len(set(found.seen_at.values())) > 1
+        assert (found.ego_step_covariance is not None) == (frame.index in (2, 3))
+        for key, segment in expected.segments.items():
+            assert found.segments[key].timestamp == segment.timestamp == found.time_of(key)
+            np.testing.assert_allclose(found.segments[key].points_lidar, segment.points_lidar, atol=1e-5)  # float32
+    assert cut_sequence(opened(training), tmp_path / "store").manifest["deskewed"] is False
 
 
 @pytest.mark.parametrize("has_poses", [False, True])
@@ -108,7 +129,7 @@ def test_the_manifest_says_what_was_cut(training, tmp_path):
     manifest = cut_into(training, tmp_path / "store").manifest
     assert manifest == json.loads((tmp_path / "store" / "0000" / "manifest.json").read_text())
     keys = ("format", "version", "sequence", "clock", "ego", "n_frames", "missing_scans")
-    assert [manifest[key] for key in keys] == ["regmot-segments", 1, "0000", "nominal 10 Hz", "none", 5, [3]]
+    assert [manifest[key] for key in keys] == ["regmot-segments", 2, "0000", "nominal 10 Hz", "none", 5, [3]]
 
 
 def test_a_sequence_without_any_scan_is_refused_and_nothing_is_written(tmp_path):

@@ -16,7 +16,7 @@ SMOOTHINGS = (CAUSAL, "window", "rts", "lag1", "lag2", "lag3")
 
 def estimator_names() -> list[str]:
     """List the names that `create_estimator` knows."""
-    return sorted([CentroidKalman.name, FUSED, *registration.names()])
+    return sorted({CentroidKalman.name, FUSED, *registration.names()})
 
 
 def create_estimator(name: str, smoothing: Smoothing | None = None, seed: int = 0) -> Estimator:

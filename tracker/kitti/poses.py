@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
+from scipy.spatial.transform import Rotation
 
 from registration import se3
 from registration.types import Transform
@@ -12,6 +13,7 @@ from tracker.errors import DataError
 from tracker.kitti.text import read_lines
 
 N_OXTS_COLUMNS = 30
+LONGEST_STEP = 0.25  # between two records that a pose is interpolated from [s]; KITTI has ten a second
 
 Poses = Float64[np.ndarray, "n 4 4"]
 
@@ -62,6 +64,32 @@ def read_oxts(files: Sequence[Path], T_lidar_imu: Transform) -> Poses:
 
     T_imu_lidar = se3.invert(T_lidar_imu)
     return np.array([oxts.T_w_imu @ T_imu_lidar for oxts in utils.load_oxts_packets_and_poses(files)])
+
+
+def interpolate_poses(
+    poses: Poses, times: Float64[np.ndarray, " n"], at: Float64[np.ndarray, " m"]
+) -> tuple[Float64[np.ndarray, "m 4 4"], Bool[np.ndarray, " m"]]:
+    """Give poses between records: positions on the line, rotations on the shortest turn, from one record to the next.
+
+    Args:
+        poses: T_world_lidar of each record, at least 2 of them.
+        times: of the records, ascending [s].
+        at: times wanted [s]; before the first and after the last record the nearest step goes on.
+
+    Returns:
+        T_world_lidar at each of those times, and whether it is to be trusted: it is not where the records around it are
+        more than `LONGEST_STEP` apart, or where it lies outside them by more than half of that.
+    """
+    after = np.clip(np.searchsorted(times, at, side="right"), 1, len(times) - 1)
+    before = after - 1
+    step = times[after] - times[before]
+    share = (at - times[before]) / step
+    turns = Rotation.from_matrix(np.swapaxes(poses[before, :3, :3], 1, 2) @ poses[after, :3, :3]).as_rotvec()
+    found = poses[before].copy()
+    found[:, :3, :3] = poses[before, :3, :3] @ Rotation.from_rotvec(share[:, None] * turns).as_matrix()
+    found[:, :3, 3] += share[:, None] * (poses[after, :3, 3] - poses[before, :3, 3])
+    outside = np.maximum(times[0] - at, at - times[-1])
+    return found, (step <= LONGEST_STEP) & (outside <= 0.5 * LONGEST_STEP)
 
 
 def _numbers(path: Path, number: int, words: list[str]) -> np.ndarray:

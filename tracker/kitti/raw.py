@@ -11,12 +11,16 @@ from registration import se3
 from registration.types import Point
 from tracker.errors import DataError, MissingDataError
 from tracker.kitti.calib import read_raw_imu
-from tracker.kitti.poses import Poses, read_oxts
-from tracker.kitti.sequence import KittiSequence, choose_times, count_frames
+from tracker.kitti.clock import NOMINAL_PERIOD, read_times
+from tracker.kitti.poses import Poses, interpolate_poses, read_oxts
+from tracker.kitti.sequence import KittiSequence, check_recorded, choose_times, count_frames
 from tracker.kitti.text import read_lines
 from tracker.types import Box
 
 TRACKLETS = "tracklet_labels.xml"
+MIN_RECORDS = 2  # that poses are interpolated between
+
+Times = Float64[np.ndarray, " n"]
 
 
 def drive_folders(root: Path) -> list[Path]:
@@ -27,18 +31,18 @@ def drive_folders(root: Path) -> list[Path]:
     return sorted(path for path in root.glob("*_drive_*_*") if (path / TRACKLETS).is_file())
 
 
-def open_raw(root: Path, folder: Path, clock: str = "auto") -> KittiSequence:
+def open_raw(root: Path, folder: Path, clock: str = "auto", recorded: str = "auto") -> KittiSequence:
     """Read a drive's tracklets, times and GPS/IMU poses; scans stay on disk and are found by frame number.
 
     Raises:
-        MissingDataError: the drive has no tracklets.
+        MissingDataError: the drive has no tracklets, or not the poses asked for.
         DataError: a file is malformed, or a frame has no time or GPS/IMU record.
     """
     label_path, scans = folder / TRACKLETS, folder / "velodyne_points" / "data"
     by_frame = read_tracklets(label_path)
     n_frames = count_frames(max(by_frame, default=-1), scans)
     times, clock_source, time_files = _choose_times(folder, n_frames, clock)
-    poses, ego, pose_files = _choose_poses(folder, n_frames)
+    poses, ego, flagged, pose_files = _choose_poses(folder, n_frames, recorded)
     track_ids = {box.track_id for boxes in by_frame.values() for box in boxes}
     return KittiSequence(
         name=folder.name,
@@ -52,6 +56,7 @@ def open_raw(root: Path, folder: Path, clock: str = "auto") -> KittiSequence:
         reindexed={track_id: rank for rank, track_id in enumerate(sorted(track_ids))},
         class_names=tuple(sorted({box.class_name for boxes in by_frame.values() for box in boxes})),
         sources=(label_path, *time_files, *pose_files),
+        flagged=flagged,
     )
 
 
@@ -129,15 +134,44 @@ def _leaves_out_frames(stamps: Path, n_frames: int) -> bool:
     return len(lines) < n_frames or not all(line.strip() for line in lines)
 
 
-def _choose_poses(folder: Path, n_frames: int) -> tuple[Poses | None, str, tuple[Path, ...]]:
+def _choose_poses(
+    folder: Path, n_frames: int, recorded: str
+) -> tuple[Poses | None, str, tuple[int, ...], tuple[Path, ...]]:
+    """Give the GPS/IMU's poses at the scans' own times where both are stamped, or else record by record.
+
+    Frames whose pose had to be bridged over lost records are flagged; without stamps there is nothing to bridge by.
+    """
+    check_recorded(recorded)
     records = folder / "oxts" / "data"
-    if not any(records.glob("*.txt")):
-        return None, "none", ()
+    if recorded == "poses":
+        raise MissingDataError(f"{folder}: a raw drive has no poses file, only oxts")
+    if recorded == "none" or not any(records.glob("*.txt")):
+        if recorded == "oxts":
+            raise MissingDataError(f"{records}: no records; drive {folder.name} has no oxts")
+        return None, "none", (), ()
     T_lidar_imu = read_raw_imu(folder.parent)
     if T_lidar_imu is None:
         raise MissingDataError(f"{folder}: oxts needs the IMU's place: no {folder.parent}/calib_imu_to_velo.txt")
-    files = tuple(records / f"{frame:010d}.txt" for frame in range(n_frames))
-    missing = next((path for path in files if not path.is_file()), None)
-    if missing is not None:
+    files = [records / f"{frame:010d}.txt" for frame in range(n_frames)]
+    there = np.array([path.is_file() for path in files])
+    sources = tuple(path for path in files if path.is_file())
+    stamps = _both_stamps(folder, n_frames)
+    if stamps is not None and there.sum() >= MIN_RECORDS:
+        scan_times, imu_times, stamp_files = stamps
+        poses, is_sound = interpolate_poses(read_oxts(sources, T_lidar_imu), imu_times[there], scan_times)
+        return poses, "oxts at the scans' times", tuple(np.flatnonzero(~is_sound).tolist()), (*sources, *stamp_files)
+    if not there.all():
+        missing = files[int(np.argmin(there))]
         raise DataError(missing, f"expected a record for each of {n_frames} frames, got no such file")
-    return read_oxts(files, T_lidar_imu), "oxts", files
+    return read_oxts(files, T_lidar_imu), "oxts", (), sources
+
+
+def _both_stamps(folder: Path, n_frames: int) -> tuple[Times, Times, tuple[Path, ...]] | None:
+    """Read the times of scans and records; None where one is not there for every frame, or they tell of other times."""
+    paths = tuple(folder / name / "timestamps.txt" for name in ("velodyne_points", "oxts"))
+    if not all(path.is_file() and not _leaves_out_frames(path, n_frames) for path in paths):
+        return None
+    scan_times, imu_times = (read_times(path)[:n_frames] for path in paths)
+    if np.abs(scan_times - imu_times).max() > NOMINAL_PERIOD:
+        return None
+    return scan_times, imu_times, paths

@@ -29,36 +29,39 @@ def sequence_names(root: Path) -> list[str]:
     return names
 
 
-def open_sequence(root: Path, name: str, clock: str = "auto") -> KittiSequence:
+def open_sequence(root: Path, name: str, clock: str = "auto", recorded: str = "auto") -> KittiSequence:
     """Open one sequence of ROOT.
 
     Args:
         root: a tracking benchmark's folder, a raw drive, or a day of raw drives.
         name: one of `sequence_names(root)`.
         clock: `auto` (recorded stamps where there are any) or `nominal` (10 Hz).
+        recorded: which poses of the ego to read: `poses`, `oxts`, `none`, or `auto`: the first of these that is there.
 
     Raises:
         MissingDataError, DataError: a file is not there, or malformed.
-        InputError: no such sequence, or no such clock.
+        InputError: no such sequence, no such clock, or no such poses.
     """
     names = sequence_names(root)
     if name not in names:
         raise InputError(f"{root}: {unknown_name('sequence', name, names)}")
     folder = tracking.training_folder(root)
     if folder is not None:
-        return tracking.open_tracking(root, folder, name, clock)
+        return tracking.open_tracking(root, folder, name, clock, recorded)
     drive = next(path for path in raw.drive_folders(root) if path.name == name)
-    return raw.open_raw(root, drive, clock)
+    return raw.open_raw(root, drive, clock, recorded)
 
 
-def open_sequences(root: Path, names: Sequence[str] = (), clock: str = "auto") -> list[KittiSequence]:
+def open_sequences(
+    root: Path, names: Sequence[str] = (), clock: str = "auto", recorded: str = "auto"
+) -> list[KittiSequence]:
     """Open the sequences named, or all of ROOT that have any scan.
 
     Raises:
         MissingDataError: a sequence asked for has no scan, or none has; or see `open_sequence`.
         DataError, InputError: see `open_sequence`.
     """
-    found = [open_sequence(root, name, clock) for name in names or sequence_names(root)]
+    found = [open_sequence(root, name, clock, recorded) for name in names or sequence_names(root)]
     with_scans = [sequence for sequence in found if len(sequence.missing_scans()) < len(sequence)]
     if not with_scans or (names and len(with_scans) < len(found)):
         empty = next(sequence for sequence in found if sequence not in with_scans)
@@ -89,5 +92,5 @@ def check_poses(sequences: Sequence[KittiSequence]) -> None:
         if sequence.poses is None:
             raise MissingDataError(
                 f"sequence {sequence.name} has no ego poses (oxts or poses), which velocities in the world need: "
-                "ask for the sensor frame"
+                "ask for the sensor frame, or for odometry"
             )

@@ -8,7 +8,7 @@ from tracker.errors import DataError, MissingDataError
 from tracker.kitti.calib import Calibration, read_tracking_calib
 from tracker.kitti.labels import Label, class_names, read_labels
 from tracker.kitti.poses import Poses, read_oxts, read_poses
-from tracker.kitti.sequence import KittiSequence, choose_times, count_frames
+from tracker.kitti.sequence import KittiSequence, check_recorded, choose_times, count_frames
 from tracker.kitti.splits import reindex
 from tracker.types import Box
 
@@ -23,11 +23,11 @@ def sequence_names(folder: Path) -> list[str]:
     return sorted(path.stem for path in (folder / "label_02").glob("*.txt"))
 
 
-def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto") -> KittiSequence:
+def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto", recorded: str = "auto") -> KittiSequence:
     """Read a sequence's labels, calibration, times and poses; scans stay on disk.
 
     Raises:
-        MissingDataError: labels or calibration are not there.
+        MissingDataError: labels or calibration are not there, or the poses asked for.
         DataError: a file is malformed, or has fewer rows than there are frames.
     """
     label_path, calib_path = folder / "label_02" / f"{name}.txt", folder / "calib" / f"{name}.txt"
@@ -36,7 +36,7 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto") -> K
     scans = folder / "velodyne" / name
     n_frames = count_frames(max((label.frame for label in labels), default=-1), scans)
     times, clock_source, time_files = choose_times([folder / "times" / f"{name}.txt"], n_frames, clock)
-    poses, ego, pose_files = _choose_poses(folder, name, calibration, n_frames)
+    poses, ego, pose_files = _choose_poses(folder, name, calibration, n_frames, recorded)
     by_frame: dict[int, list[Label]] = defaultdict(list)
     for label in labels:
         by_frame[label.frame].append(label)
@@ -63,13 +63,17 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto") -> K
 
 
 def _choose_poses(
-    folder: Path, name: str, calibration: Calibration, n_frames: int
+    folder: Path, name: str, calibration: Calibration, n_frames: int, recorded: str
 ) -> tuple[Poses | None, str, tuple[Path, ...]]:
     """Prefer a pose file, which somebody put there on purpose, to GPS/IMU records, to nothing."""
+    check_recorded(recorded)
     pose_path, oxts_path = folder / "poses" / f"{name}.txt", folder / "oxts" / f"{name}.txt"
-    if pose_path.is_file():
+    wanted = {"auto": (pose_path, oxts_path), "poses": (pose_path,), "oxts": (oxts_path,), "none": ()}[recorded]
+    if recorded != "none" and recorded != "auto" and not wanted[0].is_file():
+        raise MissingDataError(f"{wanted[0]}: no such file; sequence {name} has no {recorded}")
+    if pose_path in wanted and pose_path.is_file():
         path, poses, source = pose_path, read_poses(pose_path), "poses"
-    elif oxts_path.is_file():
+    elif oxts_path in wanted and oxts_path.is_file():
         if calibration.T_lidar_imu is None:
             raise MissingDataError(f"{oxts_path} needs the IMU's place: no Tr_imu_to_velo in calib/{name}.txt")
         path, poses, source = oxts_path, read_oxts([oxts_path], calibration.T_lidar_imu), "oxts"

@@ -31,7 +31,7 @@ LEAST_SD = 0.01  # of a velocity [m/s]
 FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
 SEARCHED_TURN_SD = 0.01  # of a turn that is always searched [rad]
 MOST_CENTERS = 20  # looks that count for where an object's centre is
-RATE_SD = 30.0  # of an object's velocity before anything is known [m/s]; relative speeds reach 60 m/s
+RATE_SD = 15.0  # of an object's velocity before anything is known, along x and y [m/s]; fast ones soon prove it
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class FusedSettings:
 
     motion: MotionModel = field(default_factory=lambda: MotionModel(density=2.0))
     turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02))
-    shape_lags: tuple[int, ...] = (1,)
+    shape_lags: tuple[int, ...] = (1, 4)
     learned_lags: tuple[int, ...] = (1, 3, 8)
     offset_floor: float = 0.005
     offset_sampling: float = 0.05

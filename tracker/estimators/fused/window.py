@@ -28,7 +28,7 @@ class MotionModel:
     """
 
     density: float
-    tails: tuple[float, float, float] = (4.0, 3.0, 4.0)
+    tails: tuple[float, float, float] = (3.0, 2.0, 4.0)
     n_frames: int = 9
 
 
