@@ -47,9 +47,14 @@ class FusedSettings:
             case, of a single point of many, and of a single point that is all that is seen [m].
         offset_near: the same at 1 m from the sensor, falling with the range squared: what is close changes its look
             from scan to scan [m].
+        offset_changed: the same for a look that shares no point with the one before, as when an object comes out from
+            behind another one; it grows with the square of the share of points that came or went [m].
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the ego's heading between frames with given poses [rad].
+        steady_axes: whether the ego's turn is told from the objects, where there are no poses.
+        refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
+        knows_parked: whether what stands in the world is taken to stand.
     """
 
     motion: MotionModel = field(default_factory=lambda: MotionModel(density=2.0))
@@ -60,9 +65,19 @@ class FusedSettings:
     offset_sampling: float = 0.05
     offset_single: float = 1.0
     offset_near: float = 0.5
+    offset_changed: float = 0.2
     search_floor: float = 0.1
     search_doubt: float = 4.0
     pose_turn_sd: float = 0.001
+    steady_axes: bool = True
+    refers_to_center: bool = True
+    knows_parked: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse lags that cannot work."""
+        lags = (*self.shape_lags, *self.learned_lags)
+        if not lags or min(lags) < 1 or max(lags) >= self.motion.n_frames:
+            raise ValueError(f"expected lags of 1 to {self.motion.n_frames - 1} frames, got {lags}")
 
 
 @dataclass
@@ -149,12 +164,13 @@ class FusedEstimator(FrameEstimator):
         for key, track in known.items():
             track.turn.solve()
             track.looks.append(new[key])
-            track.refer_to_center()
+            if self.settings.refers_to_center:
+                track.refer_to_center()
         if self._heading is not None:
             self._heading.learn()
         self._start_tracks(sightings, new)
-        in_world = self._heading is None
-        return {key: _measurement(track, is_measured[key], in_world) for key, track in known.items()}
+        may_stand = self.settings.knows_parked and next(iter(sightings.values())).in_world
+        return {key: _measurement(track, is_measured[key], may_stand) for key, track in known.items()}
 
     def _first_comparisons(
         self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting]
@@ -164,8 +180,9 @@ class FusedEstimator(FrameEstimator):
         Returns:
             the new looks in axes that are steady now, and whether anything was found of each object.
         """
-        first = self.settings.shape_lags[0]
-        steps, opinions = self._compare_shapes(known, new, sightings, first), self._ask(known, new)
+        first = self.settings.shape_lags[0] if self.settings.shape_lags else 0
+        steps = self._compare_shapes(known, new, sightings, first) if first else {}
+        opinions = self._ask(known, new)
         turned = dict(new)
         if self._heading is not None:
             change = self._settle_heading(self._heading, known, new, steps, opinions)
@@ -189,7 +206,7 @@ class FusedEstimator(FrameEstimator):
     def _begin_frame(self, sightings: Mapping[int, Sighting]) -> float:
         """Give the heading of the axes that the objects are seen in [rad]."""
         times = [sighting.timestamp for sighting in sightings.values()]
-        if next(iter(sightings.values())).in_world:
+        if next(iter(sightings.values())).in_world or not self.settings.steady_axes:
             self._heading = None
             return 0.0
         if self._heading is None:
@@ -198,20 +215,20 @@ class FusedEstimator(FrameEstimator):
         return self._heading.advance(float(np.mean(times)))
 
     def _look(self, sightings: Mapping[int, Sighting], heading: float) -> dict[int, Look]:
-        seen = sightings.values()
+        seen = list(sightings.values())
         encoded = self._learned.encode([s.points for s in seen], [s.sensor for s in seen])
         turn = 0 if self._heading is None else self._heading.latest
         looks = {}
         for (key, sighting), learned in zip(sightings.items(), encoded, strict=True):
             center = self._learned.center(learned)
-            look = Look(thinned(sighting.points), learned, center, 0.0, turn, sighting.frame)
+            look = Look(thinned(sighting.points), len(sighting.points), learned, center, 0.0, turn, sighting.frame)
             looks[key] = _turned(look, heading)
         return looks
 
     def _advance(self, track: _Track, sighting: Sighting) -> None:
         """Expect the object where its motion leads, in axes whose own turn is not known exactly."""
         shake = self._shake(track.place.state[-1, 0] - sighting.sensor)
-        has_left = track.place.advance(sighting.timestamp, shake, self._offset_sd(sighting))
+        has_left = track.place.advance(sighting.timestamp, shake, self._offset_sd(sighting, track.looks[-1]))
         track.turn.advance(sighting.timestamp)
         if has_left:
             track.looks.pop(0)
@@ -221,10 +238,15 @@ class FusedEstimator(FrameEstimator):
         across = np.array([-arm[1], arm[0]])
         return variance * np.outer(across, across)
 
-    def _offset_sd(self, sighting: Sighting) -> float:
+    def _offset_sd(self, sighting: Sighting, before: Look | None = None) -> float:
+        """Say how far what is seen may be off: more where it is little, close, or another part than the last time."""
         n, own = len(sighting.points), self.settings
-        near = own.offset_near / max(sighting.range_m, 1.0) ** 2
-        return float(np.sqrt(own.offset_floor**2 + own.offset_sampling**2 / n + (own.offset_single / n) ** 2 + near**2))
+        parts = [own.offset_floor, own.offset_sampling / n**0.5, own.offset_single / n]
+        parts.append(own.offset_near / max(sighting.range_m, 1.0) ** 2)
+        if before is not None:
+            changed = 1.0 - min(n, before.n_points) / max(n, before.n_points)
+            parts.append(own.offset_changed * changed**2)
+        return float(np.linalg.norm(parts))
 
     def _compare_shapes(
         self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting], lag: int
@@ -303,7 +325,8 @@ class FusedEstimator(FrameEstimator):
             middle = 0.5 * (points.min(axis=0) + points.max(axis=0))[:2]
             place = Window.start(own.motion, time, middle, RATE_SD, self._offset_sd(sighting))
             self._tracks[key] = _Track(place, Window.start(own.turn, time, np.zeros(1), OWN_TURN_SD), [new[key]])
-            self._tracks[key].refer_to_center()
+            if own.refers_to_center:
+                self._tracks[key].refer_to_center()
 
 
 def _hear(track: _Track, evidence: Mapping[int, Evidence]) -> None:
@@ -325,9 +348,9 @@ def _in_steady_axes(opinions: Mapping[int, RegistrationResult], track: _Track, n
     }
 
 
-def _measurement(track: _Track, is_measured: bool, in_world: bool) -> Measurement:
+def _measurement(track: _Track, is_measured: bool, may_stand: bool) -> Measurement:
     """Read the step to the latest look, and what is now known of those before; in the axes that each was seen in."""
-    standing = parked.probability(track.place) if in_world else 0.0
+    standing = parked.probability(track.place) if may_stand else 0.0
     velocity, covariance = parked.mixed(*_step(track, -1), standing)
     turns = track.turn.state[:, 0, 0] - [look.heading for look in track.looks]
     earlier = range(len(track.looks) - 2, 0, -1)

@@ -20,6 +20,8 @@ FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is 
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
 TURN_SAMPLING = 1.0
 TURN_SHARE = 0.2  # of the variance of a turn that plane-icp claims; fitted on simulated training sequences
+# Factor of the covariances that the network claims: it was trained on simulated scans only, and costs nothing there.
+NETWORK_DOUBT = 4.0
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
 
 
@@ -29,6 +31,7 @@ class Look:
 
     Attributes:
         points: in steady axes, thinned [m].
+        n_points: how many there were.
         learned: the network's encoding, of the points in the axes they were seen in; None for a look not encoded.
         heading: of these axes in the steady ones [rad].
         center: where the network believes the object's centre, in steady axes (2) [m]; None where it cannot tell.
@@ -37,6 +40,7 @@ class Look:
     """
 
     points: Points
+    n_points: int
     learned: Any
     center: Vector | None
     heading: float
@@ -232,7 +236,7 @@ def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, 
 
 def turn_variance(result: RegistrationResult, earlier: Look, newer: Look) -> float:
     """Say how well the network knows a turn [rad^2]."""
-    return float(result.covariance[2, 2]) + (TURN_SAMPLING / min(len(earlier.points), len(newer.points))) ** 2
+    return NETWORK_DOUBT * float(result.covariance[2, 2]) + (TURN_SAMPLING / min(earlier.n_points, newer.n_points)) ** 2
 
 
 def _about(
