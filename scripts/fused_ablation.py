@@ -6,7 +6,9 @@ Truth is the simulator's where the sequences have it, else smoothed labels; cars
 """
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,17 +37,15 @@ Part = tuple[SegmentStore, dict[tuple[int, int], TrueVelocity]]
 def variants() -> dict[str, FusedSettings]:
     """Take one ingredient at a time out of the estimator."""
     whole = FusedSettings()
-    normal = {
-        "motion": replace(whole.motion, tails=(0.0, 0.0, 0.0)),
-        "turn": replace(whole.turn, tails=(0.0, 0.0, 0.0)),
-    }
+    motion, turn = (replace(model, tails=(0.0, 0.0, 0.0)) for model in (whole.motion, whole.turn))
+    unmoved = replace(whole, offset_sampling=0.0, offset_single=0.0, offset_near=0.0, offset_changed=0.0)
     return {
         "(nothing)": whole,
         "the network": replace(whole, learned_lags=()),
         "shapes": replace(whole, shape_lags=()),
         "earlier looks than the last": replace(whole, shape_lags=(1,), learned_lags=(1,)),
         "heavy tails": replace(whole, motion=motion, turn=turn),
-        "offsets of a look": replace(whole, **fixed),  # type: ignore[arg-type]
+        "offsets of a look": unmoved,
         "steady axes": replace(whole, steady_axes=False),
         "the centre": replace(whole, refers_to_center=False),
         "parked objects": replace(whole, knows_parked=False),
@@ -57,9 +57,9 @@ def main() -> None:
     root, out, *rest = sys.argv[1:]
     frame_name, *names = rest or [SENSOR]
     parts = [_part(sequence, Path(out), frame_name) for sequence in open_sequences(Path(root), tuple(names))]
-    estimators: dict[str, Estimator] = {"(adh-3d)": create_estimator("adh-3d")}
-    estimators |= {name: FusedEstimator(settings=settings) for name, settings in variants().items()}
-    body = [_row(name, estimator, parts, frame_name) for name, estimator in estimators.items()]
+    body = [_row("(adh-3d)", lambda: create_estimator("adh-3d"), parts, frame_name)]
+    for name, settings in variants().items():
+        body.append(_row(name, partial(FusedEstimator, settings=settings), parts, frame_name))
     print_table(list(HEADER), body)
 
 
@@ -71,10 +71,10 @@ def _part(sequence: KittiSequence, out: Path, frame_name: str) -> Part:
     return store, true_velocities(list(store.frames()), frame_name, truth, exact)
 
 
-def _row(name: str, estimator: Estimator, parts: list[Part], frame_name: str) -> list[str]:
+def _row(name: str, create: Callable[[], Estimator], parts: list[Part], frame_name: str) -> list[str]:
     steps, seconds, n = [], 0.0, 0
     for store, truth in parts:
-        tracklets, took = run_causal(estimator, store, CLASSES, frame_name)
+        tracklets, took = run_causal(create(), store, CLASSES, frame_name)
         seconds += took
         for estimate in (e for tracklet in tracklets for e in tracklet):
             n += estimate.status is not EstimateStatus.NEW_TRACK
