@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,17 +19,30 @@ from tracker.store import cut_sequence
 from tracker.tracklets import of_classes
 
 PEER = "Open3D point-to-point ICP, pair by pair"
+PLAIN = "its network as published: float32, 512 points, both clouds of a pair"
+PASSES = 2  # through the streams, of a learned method and of its plain way
 WARM_UP_FRAMES = 3  # what is compiled or loaded on first use is no cost of a transform
 
 Segments = Mapping[int, Points]  # the points of each object of a frame (n, 3) [m]
 Progress = Callable[[str, int, int | None], None]
 
 
+@runtime_checkable
+class Streamed(Protocol):
+    """What can be timed in a stream: a method, or the plain way that one is measured against."""
+
+    def prepare(self, clouds: Sequence[Points]) -> list[Any]:
+        """Do what depends on one cloud only."""
+
+    def align(self, pairs: Sequence[tuple[Any, Any]]) -> list[Any]:
+        """Do the rest for all pairs of a frame."""
+
+
 @dataclass
 class Contestant:
     """A method on its way through the frames."""
 
-    method: RegistrationMethod
+    method: Streamed
     previous: dict[int, Any] = field(default_factory=dict)
     ms: list[float] = field(default_factory=list)  # per transform, one value a frame
 
@@ -43,6 +56,17 @@ class Contestant:
         if pairs:
             self.ms.append(1e3 * (perf_counter() - start) / len(pairs))
 
+    def run(self, stream: Sequence[Segments]) -> None:
+        """Go through a sequence from its start."""
+        self.previous = {}
+        for segments in stream:
+            self.step(segments)
+
+    @property
+    def median_ms(self) -> float:
+        """Median over frames of the time of a transform, without the first few frames [ms]."""
+        return median(self.ms[WARM_UP_FRAMES:])
+
 
 def time_streams(
     streams: Sequence[Sequence[Segments]], methods: Sequence[str], progress: Progress | None = None
@@ -55,7 +79,8 @@ def time_streams(
         progress: told of every frame.
 
     Returns:
-        for each method the median over frames of the time of a transform; the same of the peer beside it.
+        for each method the median over frames of the time of a transform; the same of the peer beside it.  Learned
+        methods also stand beside their own network's plain way.
 
     Raises:
         MissingLibraryError: Open3D cannot be imported.
@@ -80,10 +105,23 @@ def time_streams(
             if progress is not None:
                 progress("timing transforms", k + 1, len(stream))
     peer = median(peer_ms[WARM_UP_FRAMES:])
-    return [
-        Timing(f"{name}: a transform", PEER, median(contestant.ms[WARM_UP_FRAMES:]), peer)
-        for name, contestant in contestants.items()
+    timings = [
+        Timing(f"{name}: a transform", PEER, contestant.median_ms, peer) for name, contestant in contestants.items()
     ]
+    return timings + [
+        _beside_plain_way(name, contestant.method, streams)
+        for name, contestant in contestants.items()
+        if hasattr(contestant.method, "plain_way")
+    ]
+
+
+def _beside_plain_way(name: str, method: Any, streams: Sequence[Sequence[Segments]]) -> Timing:
+    """Time a learned method and its network's plain way, each with the machine's caches to itself, in turn."""
+    ours, plain = Contestant(method), Contestant(method.plain_way())
+    for contestant in (ours, plain) * PASSES:
+        for stream in streams:
+            contestant.run(stream)
+    return Timing(f"{name}: a transform by itself", PLAIN, ours.median_ms, plain.median_ms)
 
 
 def kitti_streams(root: Path, sequences: Sequence[str], classes: Sequence[str], cache: Path) -> list[list[Segments]]:

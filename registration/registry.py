@@ -18,6 +18,7 @@ BUILT_IN = {
     "adh-3d": "registration.methods.adh:AnnealedHistograms3D",
     "adh-3d-tuned": "registration.methods.adh:TunedHistograms3D",
     "alignnet": "registration.alignnet.method:AlignNetCars",
+    "alignnet-persons": "registration.alignnet.method:AlignNetPersons",
     "centroid": "registration.methods.centroid:Centroid",
     "icp": "registration.methods.icp:PointToPointICP",
     "plane-icp": "registration.methods.plane_icp:PointToPlaneICP",
@@ -28,7 +29,7 @@ BUILT_IN = {
 
 
 # compositions worth a line in every list; any two names work
-COMPOSED = ("alignnet+icp", "fgr+icp", "global-icp+icp")
+COMPOSED = ("alignnet+gicp", "alignnet+icp", "fgr+icp", "global-icp+icp")
 
 
 def create(method: str | RegistrationMethod, **settings: Any) -> RegistrationMethod:

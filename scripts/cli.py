@@ -44,7 +44,7 @@ def demo(
     Example: regmot demo --out demo-out
     """
     root = _simulate(out / "street", "street", frames, seed)
-    shown = [name for name in ("adh-3d", "icp", "alignnet") if _state_of(name) == "ready"]
+    shown = [name for name in ("adh-3d", "icp", "alignnet", "fused") if _state_of(name) == "ready"]
     _compare(root, out, {"seed": seed, "estimators": ("centroid-kf", *shown)})
 
 
@@ -105,7 +105,7 @@ def compare(
     sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
     classes: Classes = "Car,Van",
     estimators: Annotated[str, typer.Option(help="names, comma-separated: see `regmot methods`")] = "centroid-kf,icp",
-    smoothing: Annotated[str, typer.Option(help="of causal, window, rts")] = "causal,window,rts",
+    smoothing: Annotated[str, typer.Option(help="of causal, window, rts, lag1, lag2, lag3")] = "causal,window,rts",
     window: Annotated[int, typer.Option(help="half width of the window mean [frames]; the paper's is 1")] = 1,
     frame: FrameName = "world",
     truth: Annotated[str, typer.Option(help="labels, smoothed, exact; auto: exact where it is there")] = "auto",
@@ -313,7 +313,7 @@ def methods() -> None:
         if name in registration.names():
             body.append([name, "registration method, estimator", source_of(name), _state_of(name)])
         else:
-            body.append([name, "estimator", "regmot", "ready"])
+            body.append([name, "estimator", "regmot", _state_of(name)])
     print_table(["name", "what", "from", "state"], body)
 
 
@@ -462,11 +462,12 @@ def _compare(root: Path, out: Path, settings: dict[str, Any]) -> None:
 
 
 def _state_of(name: str) -> str:
-    import registration
+    """Say whether an estimator, or a registration method, can be created here, or why not."""
     from registration.errors import RegistrationError
+    from tracker.estimators import create_estimator
 
     try:
-        registration.create(name)
+        create_estimator(name)
     except (RegistrationError, TypeError, ValueError) as error:
         return str(error)
     return "ready"

@@ -1,17 +1,20 @@
 """From the network's numbers to registration results: motions with covariances, priors, and doubts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float64
 
 from registration import planar, uncertainty
 from registration.alignnet import loss
 from registration.alignnet.network import Motion
-from registration.types import MotionPrior, PlanarCovariance, PlanarMotion, Point, Points, RegistrationResult, Status
+from registration.types import MotionPrior, PlanarCovariance, PlanarMotion, Points, RegistrationResult, Status
 
 ROUNDING = 1e-8  # so that a covariance that claims certainty has an inverse [m^2, rad^2]
+
+Numbers = Float64[np.ndarray, " n"]
+Places = Float64[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +28,22 @@ class Answers:
             predicts none.
     """
 
-    center: Float64[np.ndarray, "n 3"]
-    moved_center: Float64[np.ndarray, "n 3"]
-    turn: Float64[np.ndarray, " n"]
+    center: Places
+    moved_center: Places
+    turn: Numbers
     covariance: Float64[np.ndarray, "n 3 3"]
+
+    @property
+    def offset(self) -> Numbers:
+        """How far the object's centre is from the mean of its points, along x or y in either cloud [m]."""
+        both = np.concatenate([self.center[:, :2], self.moved_center[:, :2]], axis=1)
+        return np.abs(both).max(axis=1)
+
+    @property
+    def spread(self) -> Numbers:
+        """Largest standard deviation of the shift in any direction [m]; NaN where the network predicts none."""
+        xx, xy, yy = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
+        return np.sqrt(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))
 
 
 def read(motion: Motion, has_covariance: bool, scale: float) -> Answers:
@@ -39,75 +54,85 @@ def read(motion: Motion, has_covariance: bool, scale: float) -> Answers:
         has_covariance: whether the network was trained to say how sure it is.
         scale: factor of its covariances, from held-out pairs.
     """
-    n = len(motion.turn)
-    covariance = np.full((n, 3, 3), np.nan)
-    if has_covariance:
-        factor = loss.precision_factor(motion.precision.double())
-        covariance = scale * torch.linalg.inv(factor.mT @ factor).numpy()
-        turned = np.zeros((n, 3, 3))
-        turned[:, 2, 2] = 1.0
-        c, s = np.cos(motion.heading.double().numpy()), np.sin(motion.heading.double().numpy())
-        turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
-        covariance = turned @ covariance @ turned.transpose(0, 2, 1)
     center, moved_center, turn = (f.double().numpy() for f in (motion.center, motion.moved_center, motion.turn))
+    covariance = np.full((len(turn), 3, 3), np.nan)
+    if has_covariance:
+        root = np.linalg.inv(loss.precision_factor(motion.precision.double()).numpy())
+        root = _turns(motion.heading.double().numpy()) @ root
+        covariance = scale * root @ root.transpose(0, 2, 1)
     return Answers(center, moved_center, turn, covariance)
 
 
-def result(
-    answers: Answers, index: int, clouds: tuple[Points, Points], centroids: tuple[Point, Point], turn: float
-) -> RegistrationResult:
-    """Make a registration result of one answer.
+def results(
+    answers: Answers, clouds: Sequence[tuple[Points, Points]], sources: Places, targets: Places, turn: Numbers
+) -> list[RegistrationResult]:
+    """Make registration results of the answers.
 
     Args:
-        answers: of all pairs.
-        index: of the pair.
-        clouds: source and target.
-        centroids: their means.
-        turn: of the object, made unambiguous [rad].
+        answers: of n pairs.
+        clouds: source and target of each.
+        sources, targets: their means.
+        turn: of the objects, made unambiguous [rad].
     """
-    source, target = centroids
-    center = source + answers.center[index]
-    shift = target + answers.moved_center[index] - center
-    about_center = np.array([shift[0], shift[1], turn])
-    covariance = answers.covariance[index]
-    if np.isnan(covariance).any():
-        covariance = uncertainty.of_centroids(*clouds)
-    else:
-        covariance = planar.transport_covariance(covariance, turn, center[:2], source[:2])
-    return RegistrationResult(
-        T_target_source=planar.to_transform(about_center, center, z=float(target[2] - source[2])),
-        source_centroid=source,
-        covariance=0.5 * (covariance + covariance.T) + ROUNDING * np.eye(3),
-        status=Status.CONVERGED,
-        rmse=float("nan"),
-        n_pairs=0,
-    )
+    center, moved_center = sources + answers.center, targets + answers.moved_center
+    T = np.tile(np.eye(4), (len(turn), 1, 1))
+    T[:, :3, :3] = _turns(turn)
+    T[:, :3, 3] = moved_center - (T[:, :3, :3] @ center[:, :, None])[:, :, 0]
+    T[:, 2, 3] = targets[:, 2] - sources[:, 2]
+    covariance = _about_centroids(answers, turn)
+    return [
+        RegistrationResult(
+            T_target_source=T[k],
+            source_centroid=sources[k],
+            covariance=uncertainty.of_centroids(*clouds[k]) if np.isnan(covariance[k, 0, 0]) else covariance[k],
+            status=Status.CONVERGED,
+            rmse=float("nan"),
+            n_pairs=0,
+        )
+        for k in range(len(turn))
+    ]
 
 
-def nearest_turn(turn: float, expected: float) -> float:
-    """Give the turn, or half a turn more or less, whichever is nearer to what is expected [rad]."""
-    off = planar.wrap(turn - expected)
-    return planar.wrap(expected + (off + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
+def nearest_turns(turn: Numbers, expected: Numbers) -> Numbers:
+    """Give each turn, or half a turn more or less, whichever is nearer to what is expected [rad]; in (-pi, pi]."""
+    off = (turn - expected + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+    return np.pi - (np.pi - expected - off) % (2.0 * np.pi)
 
 
 def fused(found: RegistrationResult, prior: MotionPrior) -> RegistrationResult:
     """Weigh an answer and a prior by their covariances."""
-    motion = found.motion_about(found.source_centroid)
+    centroid, T = found.source_centroid, found.T_target_source
+    motion = found.motion_about(centroid)
     off = prior.mean - motion
     off[2] = planar.wrap(float(off[2]))
     gain = found.covariance @ np.linalg.inv(found.covariance + prior.covariance)
     mean: PlanarMotion = motion + gain @ off
     covariance: PlanarCovariance = (np.eye(3) - gain) @ found.covariance
-    z = float(
-        (found.T_target_source[:3, :3] @ found.source_centroid + found.T_target_source[:3, 3] - found.source_centroid)[
-            2
-        ]
-    )
     return RegistrationResult(
-        T_target_source=planar.to_transform(mean, found.source_centroid, z),
-        source_centroid=found.source_centroid,
+        T_target_source=planar.to_transform(mean, centroid, z=float(T[2, 3])),
+        source_centroid=centroid,
         covariance=0.5 * (covariance + covariance.T) + ROUNDING * np.eye(3),
         status=found.status,
         rmse=found.rmse,
         n_pairs=found.n_pairs,
     )
+
+
+def _turns(angle: Numbers) -> Float64[np.ndarray, "n 3 3"]:
+    """Make rotations about z."""
+    R = np.zeros((len(angle), 3, 3))
+    c, s = np.cos(angle), np.sin(angle)
+    R[:, 0, 0], R[:, 0, 1], R[:, 1, 0], R[:, 1, 1], R[:, 2, 2] = c, -s, s, c, 1.0
+    return R
+
+
+def _about_centroids(answers: Answers, turn: Numbers) -> Float64[np.ndarray, "n 3 3"]:
+    """Carry the covariances from the objects' centres to the means of the source clouds.
+
+    This is `planar.transport_covariance` for n motions at once.
+    """
+    J = np.tile(np.eye(3), (len(turn), 1, 1))
+    c, s, x, y = np.cos(turn), np.sin(turn), -answers.center[:, 0], -answers.center[:, 1]
+    J[:, 0, 2], J[:, 1, 2] = -s * x - c * y, c * x - s * y
+    covariance = J @ answers.covariance @ J.transpose(0, 2, 1)
+    return 0.5 * (covariance + covariance.transpose(0, 2, 1)) + ROUNDING * np.eye(3)

@@ -31,6 +31,7 @@ class About:
         validation: the paper's table on held-out pairs, by column.
         data: the sets it was trained on: name, seed, and whatever else they say of themselves.
         commit: of the code that trained it.
+        started_from: the same fields of the weights that the training began with; empty if those were random.
     """
 
     recipe: Recipe
@@ -38,24 +39,29 @@ class About:
     validation: Mapping[str, float] = field(default_factory=dict)
     data: Sequence[Mapping[str, Any]] = ()
     commit: str = "unknown"
+    started_from: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def architecture(self) -> Architecture:
         """What the network is made of."""
         return self.recipe.network
 
+    def fields(self) -> dict[str, Any]:
+        """Give all of it as JSON knows it."""
+        return {
+            "recipe": to_table(self.recipe),
+            "covariance_scale": self.covariance_scale,
+            "validation": dict(self.validation),
+            "data": list(self.data),
+            "commit": self.commit,
+            "started_from": dict(self.started_from),
+        }
+
 
 def write_weights(path: Path, network: AlignNet, about: About) -> None:
     """Write weights with where they come from, whole or not at all."""
-    fields = {
-        "recipe": to_table(about.recipe),
-        "covariance_scale": about.covariance_scale,
-        "validation": dict(about.validation),
-        "data": list(about.data),
-        "commit": about.commit,
-    }
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
-    _write(path, tensors, WEIGHTS, fields)
+    _write(path, tensors, WEIGHTS, about.fields())
 
 
 def read_weights(path: Path) -> tuple[AlignNet, About]:
@@ -73,6 +79,7 @@ def read_weights(path: Path) -> tuple[AlignNet, About]:
             validation=fields["validation"],
             data=tuple(fields["data"] or ()),
             commit=fields["commit"],
+            started_from=fields.get("started_from", {}),
         )
     except (KeyError, TypeError, RecipeError) as error:
         raise WeightsError(f"{path}: its recipe cannot be used ({error})") from None

@@ -104,6 +104,12 @@ def join(sets: Sequence[PackedPairs]) -> PackedPairs:
     )
 
 
+def repeated(pairs: PackedPairs, near: float, times: int) -> Int64[np.ndarray, " n"]:
+    """List all pairs in order, those of objects nearer than `near` [m] in the source so many times."""
+    distance = np.hypot(pairs.center[::2, 0], pairs.center[::2, 1])
+    return np.repeat(np.arange(len(pairs)), np.where(distance < near, times, 1))
+
+
 def draw(pairs: PackedPairs, index: Int64[np.ndarray, " b"], max_points: int, rng: np.random.Generator) -> Batch:
     """Read some pairs; of large clouds, a random part of SPARE * max_points points."""
     of_cloud = np.concatenate([2 * index, 2 * index + 1])

@@ -126,11 +126,10 @@ def precision_factor(numbers: Float[Tensor, "b 6"]) -> Float[Tensor, "b 3 3"]:
 
     The first three are the logarithms of its diagonal in units of 10/m, 10/m, 10/rad, the others lie beside it.
     """
-    factor = torch.diag_embed(10.0 * torch.exp(numbers[:, :3].clamp(-6.0, 6.0)))
-    rows, columns = (0, 0, 1), (1, 2, 2)
-    beside = torch.zeros_like(factor)
-    beside[:, rows, columns] = 10.0 * numbers[:, 3:]
-    return factor + beside
+    xx, yy, tt = (10.0 * torch.exp(numbers[:, :3].clamp(-6.0, 6.0))).unbind(dim=1)
+    xy, xt, yt = (10.0 * numbers[:, 3:]).unbind(dim=1)
+    none = torch.zeros_like(xx)
+    return torch.stack([xx, xy, xt, none, yy, yt, none, none, tt], dim=1).reshape(-1, 3, 3)
 
 
 def _mean(values: list[Tensor]) -> Tensor:

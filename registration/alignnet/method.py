@@ -2,19 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import torch
+from jaxtyping import Float64
 from numpy.typing import ArrayLike
 
 from registration.alignnet import answers, checkpoint, inference
 from registration.alignnet.answers import Answers
-from registration.alignnet.network import AlignNet, Encoding
+from registration.alignnet.inference import Row
+from registration.alignnet.network import AlignNet
 from registration.alignnet.packing import pack
+from registration.alignnet.timing import PlainWay
 from registration.belief import believe
-from registration.method import PairMethod, check_cloud, nothing_known
+from registration.method import PairMethod, check_cloud, nothing_known, one_prior_a_pair
 from registration.types import MotionPrior, Point, Points, RegistrationResult, Status
 
 BELIEVED_TURN = 0.1  # standard deviation of the turn where the network does not know it [rad]
@@ -28,12 +32,13 @@ class Cloud:
     Attributes:
         points: as they came [m].
         centroid: their mean [m]; zero for an empty cloud.
-        encodings: as a source, and as a target; relative to the centroid; none where there are too few points.
+        rows: what `inference.from_rows` makes encodings of, as a source, and as a target; relative to the centroid;
+            none where there are too few points.
     """
 
     points: Points
     centroid: Point
-    encodings: tuple[Encoding, Encoding] | None
+    rows: tuple[Row, Row] | None
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ class LearnedRegistration(PairMethod):
 
     weights: str = ""  # path of a weights file; empty: those that come with the package
     precision: str = "auto"  # float32, bfloat16; auto: bfloat16 where the CPU knows it
-    max_points: int = 512  # of a cloud that are looked at, evenly out of all
+    max_points: int = 256  # of a cloud that are looked at, evenly out of all
     min_points: int = 3  # smaller clouds say nothing
     max_spread: float = 1.5  # standard deviation of the shift beyond which the network does not know [m]
     max_offset: float = 8.0  # the object's centre cannot be farther than this from the mean of its points [m]
@@ -92,10 +97,9 @@ class LearnedRegistration(PairMethod):
         prepared = [Cloud(cloud, cloud.mean(axis=0) if len(cloud) else np.zeros(3), None) for cloud in checked]
         told = [k for k, cloud in enumerate(checked) if len(cloud) >= self.min_points]
         if told:
-            offsets = [checked[k] - prepared[k].centroid for k in told]
-            sensors_seen = np.stack([places[k] - prepared[k].centroid[:2] for k in told])
-            for k, encodings in zip(told, self._encode(offsets, sensors_seen), strict=True):
-                prepared[k] = replace(prepared[k], encodings=encodings)
+            rows = self._encode([prepared[k] for k in told], places[told])
+            for k, known in zip(told, rows, strict=True):
+                prepared[k] = replace(prepared[k], rows=known)
         return prepared
 
     def align(
@@ -106,64 +110,74 @@ class LearnedRegistration(PairMethod):
         Raises:
             ValueError: there are priors, but not one a pair.
         """
-        if priors is None:
-            priors = [None] * len(pairs)
-        if len(priors) != len(pairs):
-            raise ValueError(f"align got {len(pairs)} pairs but {len(priors)} priors; expected one a pair")
-        told = [pair for pair in pairs if pair[0].encodings is not None and pair[1].encodings is not None]
-        found, index = self._compare(told) if told else None, iter(range(len(told)))
+        priors = one_prior_a_pair(pairs, priors)
+        told = [k for k, pair in enumerate(pairs) if pair[0].rows is not None and pair[1].rows is not None]
+        answered = {}
+        if told:
+            found = self._answer([pairs[k] for k in told], [priors[k] for k in told])
+            answered = dict(zip(told, found, strict=True))
         return [
-            self._result(pair, prior, found, next(index))
-            if found is not None and pair[0].encodings is not None and pair[1].encodings is not None
-            else _fallback(pair, prior, Status.TOO_FEW_POINTS)
-            for pair, prior in zip(pairs, priors, strict=True)
+            answered[k] if k in answered else _fallback(pair, prior, Status.TOO_FEW_POINTS)
+            for k, (pair, prior) in enumerate(zip(pairs, priors, strict=True))
         ]
 
     def align_pair(self, source: Cloud, target: Cloud, prior: MotionPrior | None) -> RegistrationResult:
         """Compare one pair."""
         return self.align([(source, target)], [prior])[0]
 
+    def center(self, cloud: Cloud) -> Point | None:
+        """Say where the network believes the object's centre [m]; None where there are too few points to tell."""
+        return None if cloud.rows is None else cloud.centroid + inference.center(cloud.rows[0])
+
     def network(self) -> AlignNet:
         """Give the network that encodes sources, folded for inference."""
         return self._load()[0][0]
 
-    def _load(self) -> tuple[list[AlignNet], checkpoint.About]:
-        path = Path(self.weights) if self.weights else checkpoint.shipped(self.name)
-        return inference.load(path, self.precision)
+    def plain_way(self) -> PlainWay:
+        """Give the same weights run as published, to be timed beside this."""
+        return PlainWay(checkpoint.read_weights(self._path)[0])
 
-    def _encode(self, clouds: list[Points], sensors: np.ndarray) -> list[tuple[Encoding, Encoding]]:
+    @cached_property
+    def _path(self) -> Path:
+        return Path(self.weights) if self.weights else checkpoint.shipped(self.name)
+
+    def _load(self) -> tuple[list[AlignNet], checkpoint.About]:
+        return inference.load(self._path, self.precision)
+
+    def _encode(self, clouds: Sequence[Cloud], sensors: Float64[np.ndarray, "b 2"]) -> list[tuple[Row, Row]]:
+        """Encode clouds, seen from (x, y) in their own axes [m]."""
         networks, _ = self._load()
-        batch = pack(clouds, sensors, self.max_points)
+        origins = [cloud.centroid for cloud in clouds]
+        batch = pack([c.points for c in clouds], origins, sensors - np.stack(origins)[:, :2], self.max_points)
         with torch.inference_mode():
-            by_branch = [network.encode(batch) for network in networks]
-        as_source, as_target = by_branch[0], by_branch[-1]
-        rows = [slice(k, k + 1) for k in range(len(clouds))]
-        return [(as_source.rows(row), as_target.rows(row)) for row in rows]
+            by_branch = [inference.to_rows(network.encode(batch)) for network in networks]
+        return list(zip(by_branch[0], by_branch[-1], strict=True))
+
+    def _answer(
+        self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]
+    ) -> list[RegistrationResult]:
+        """Compare pairs of encoded clouds, and judge what the network says of them."""
+        found = self._compare(pairs)
+        turn = found.turn
+        if self.fold_turn:
+            turn = answers.nearest_turns(turn, np.array([0.0 if p is None else p.mean[2] for p in priors]))
+        sources, targets = (np.stack([pair[side].centroid for pair in pairs]) for side in (0, 1))
+        results = answers.results(found, [(a.points, b.points) for a, b in pairs], sources, targets, turn)
+        is_doubtful = (found.offset > self.max_offset) | (found.spread > self.max_spread)
+        for k, (pair, prior) in enumerate(zip(pairs, priors, strict=True)):
+            if is_doubtful[k]:
+                results[k] = _fallback(pair, prior, Status.NOT_CONVERGED)
+            elif prior is not None:
+                results[k] = answers.fused(results[k], prior)
+        return results
 
     def _compare(self, pairs: Sequence[tuple[Cloud, Cloud]]) -> Answers:
         networks, about = self._load()
-        sources = inference.stack([source.encodings[0] for source, _ in pairs if source.encodings])
-        targets = inference.stack([target.encodings[1] for _, target in pairs if target.encodings])
+        rows = [(source.rows[0], target.rows[1]) for source, target in pairs if source.rows and target.rows]
+        sources, targets = (inference.from_rows(side, networks[0]) for side in zip(*rows, strict=True))
         with torch.inference_mode():
             motion = networks[0].align(sources, targets)
         return answers.read(motion, about.architecture.covariance, about.covariance_scale)
-
-    def _result(
-        self, pair: tuple[Cloud, Cloud], prior: MotionPrior | None, found: Answers, index: int
-    ) -> RegistrationResult:
-        source, target = pair
-        turn = float(found.turn[index])
-        if self.fold_turn:
-            turn = answers.nearest_turn(turn, 0.0 if prior is None else float(prior.mean[2]))
-        result = answers.result(found, index, (source.points, target.points), (source.centroid, target.centroid), turn)
-        offset = max(np.abs(found.center[index, :2]).max(), np.abs(found.moved_center[index, :2]).max())
-        spread = np.sqrt(np.linalg.eigvalsh(found.covariance[index, :2, :2]).max()) if self._knows_spread() else 0.0
-        if offset > self.max_offset or spread > self.max_spread:
-            return _fallback(pair, prior, Status.NOT_CONVERGED)
-        return result if prior is None else answers.fused(result, prior)
-
-    def _knows_spread(self) -> bool:
-        return self._load()[1].architecture.covariance
 
 
 class AlignNetCars(LearnedRegistration):

@@ -8,10 +8,12 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from registration.alignnet import angles, ragged
+from registration.alignnet.angles import AngleOutputs, Angles
 from registration.alignnet.layers import Head, PointEncoder
 from registration.alignnet.ragged import Clouds
 
 COMPOSITIONS = ("composed", "additive")
+Places = Float[Tensor, "b 3"]  # [m]
 CONTEXT = 2  # numbers that say how a cloud is seen: range and point count; in the embedding also the direction
 
 
@@ -58,11 +60,11 @@ class Encoding(NamedTuple):
         embedding: of the cloud in the object's axes.
     """
 
-    coarse_center: Float[Tensor, "b 3"]
-    center: Float[Tensor, "b 3"]
-    bearing: Float[Tensor, " b"]
-    angle: Float[Tensor, "b bins2"]
-    heading: Float[Tensor, " b"]
+    coarse_center: Places
+    center: Places
+    bearing: Angles
+    angle: AngleOutputs
+    heading: Angles
     embedding: Float[Tensor, "b d"]
 
     def rows(self, index: slice) -> "Encoding":
@@ -83,12 +85,12 @@ class Motion(NamedTuple):
         precision: six numbers of each pair, see `loss.precision_factor`; zeros where it is not predicted.
     """
 
-    center: Float[Tensor, "b 3"]
-    moved_center: Float[Tensor, "b 3"]
-    turn: Float[Tensor, " b"]
-    early_turn: Float[Tensor, " b"]
-    angle: Float[Tensor, "b bins2"]
-    heading: Float[Tensor, " b"]
+    center: Places
+    moved_center: Places
+    turn: Angles
+    early_turn: Angles
+    angle: AngleOutputs
+    heading: Angles
     precision: Float[Tensor, "b 6"]
 
 
@@ -136,7 +138,7 @@ class AlignNet(nn.Module):
         cloud, n_clouds = clouds.cloud, clouds.n_seen.shape[0]
         middle = ragged.mean(clouds.points, cloud, n_clouds)  # (b, 3)
         bearing, context = self._look(clouds, middle)  # (b,), (b, 0 or 2)
-        points = angles.rotate(clouds.points - ragged.spread(middle, cloud), -ragged.spread(bearing, cloud))  # (n, 3)
+        points = ragged.in_axes(clouds.points, cloud, middle, bearing)  # (n, 3)
 
         # T-CoarseNet: from the mean of the points to the centre of the object.
         features = self.coarse(points, cloud, n_clouds, branch)  # (b, 256)
@@ -149,7 +151,7 @@ class AlignNet(nn.Module):
         alpha = angles.decode(angle)  # (b,)
 
         # The cloud in canonical pose, and its embedding.
-        canonical = angles.rotate(points - ragged.spread(s2, cloud), -ragged.spread(alpha, cloud))  # (n, 3)
+        canonical = ragged.in_axes(points, cloud, s2, alpha)  # (n, 3)
         features = self.embedding(canonical, cloud, n_clouds, branch)  # (b, 1024)
         heading = bearing + alpha
         return Encoding(

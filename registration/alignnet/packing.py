@@ -7,16 +7,24 @@ import torch
 from jaxtyping import Float64
 
 from registration.alignnet.ragged import Clouds
-from registration.types import Points
+from registration.types import Point, Points
 
 
-def pack(clouds: Sequence[Points], sensors: Float64[np.ndarray, "b 2"], max_points: int) -> Clouds:
-    """Put clouds one behind the other, each relative to its own origin.
+def pack(
+    clouds: Sequence[Points], origins: Sequence[Point], sensors: Float64[np.ndarray, "b 2"], max_points: int
+) -> Clouds:
+    """Put clouds one behind the other, each relative to an origin of its own.
 
     Of a cloud with more points than `max_points`, every so-manieth is kept: in the order of a scan, ring by ring,
     that is evenly over the surface, and always the same points.
+
+    Args:
+        clouds: in any axes with z up [m].
+        origins: one near each cloud, in the same axes [m].
+        sensors: (x, y) of the sensor relative to each origin [m].
+        max_points: of a cloud.
     """
-    kept = [thinned(cloud, max_points) for cloud in clouds]
+    kept = [thinned(cloud, max_points) - origin for cloud, origin in zip(clouds, origins, strict=True)]
     sizes = [len(cloud) for cloud in kept]
     return Clouds(
         points=torch.from_numpy(np.concatenate(kept).astype(np.float32)),

@@ -54,6 +54,8 @@ class TrainingSettings:
     batch_size: int = 128  # pairs
     max_points: int = 512  # of a cloud; more are left out at random
     fewest_points: int = 0  # if not 0, each batch draws its own limit between this and max_points
+    near: float = 0.0  # objects nearer than this are rare in many sets: their pairs come `near_times` an epoch [m]
+    near_times: int = 1
     validation_points: int = 512
     precision: str = "float32"  # or bfloat16, but for coordinates, statistics and losses
     seed: int = 0
@@ -65,7 +67,7 @@ class TrainingSettings:
         """Refuse settings that cannot work."""
         if self.precision not in PRECISIONS:
             raise ValueError(f"precision must be one of {', '.join(PRECISIONS)}, got {self.precision!r}")
-        for name in ("epochs", "batch_size", "max_points", "validation_points", "validate_every"):
+        for name in ("epochs", "batch_size", "max_points", "validation_points", "validate_every", "near_times"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
 

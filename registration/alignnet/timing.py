@@ -1,66 +1,54 @@
-"""The network's speed in a tracker, beside the plain way: two callables to be timed in turn."""
+"""The network the plain way, as published: what the fast way is measured against, in the same run."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 
 import numpy as np
 import torch
 
 from registration.alignnet.layers import PointEncoder
-from registration.alignnet.method import Cloud, LearnedRegistration
 from registration.alignnet.network import AlignNet, Motion
 from registration.alignnet.packing import pack, padded
+from registration.alignnet.ragged import Clouds
 from registration.types import Points
 
 PLAIN_POINTS = 512  # of each cloud, in the published network
 
 
-def streaming(method: LearnedRegistration, frames: Sequence[Sequence[Points]]) -> tuple[Callable[[], object], int]:
-    """Give what a tracker does with a method, frame by frame, and how many transforms that makes.
+class PlainWay:
+    """The same network run as published: float32, layer by layer, clouds drawn to 512 points, both of a pair encoded.
 
-    Object k of a frame is object k of the one before.  Each cloud is prepared once, as target, and kept as source.
-    """
-
-    def run() -> object:
-        before: list[Cloud] = []
-        results: list[object] = []
-        for clouds in frames:
-            now = method.prepare(clouds)
-            results += method.align(list(zip(before, now, strict=False)))
-            before = now
-        return results
-
-    return run, sum(min(len(a), len(b)) for a, b in zip(frames[:-1], frames[1:], strict=True))
-
-
-def plain(network: AlignNet, frames: Sequence[Sequence[Points]]) -> tuple[Callable[[], object], int]:
-    """Give the same work done as published: float32, all clouds drawn to 512 points, and both of a pair encoded.
+    It takes clouds as a method does, and gives the network's motions instead of results.
 
     Args:
         network: not folded; batch norm runs as a layer of its own.
-        frames: as for `streaming`; no cloud is empty.
+        n_points: that every cloud is drawn to.
     """
-    rng = np.random.default_rng(0)
 
-    def run() -> object:
-        motions: list[Motion] = []
-        for earlier, later in zip(frames[:-1], frames[1:], strict=True):
-            n = min(len(earlier), len(later))
-            batches = [
-                pack(
-                    [padded(cloud, PLAIN_POINTS, rng) - cloud.mean(axis=0) for cloud in clouds[:n]],
-                    np.stack([-cloud.mean(axis=0)[:2] for cloud in clouds[:n]]),
-                    PLAIN_POINTS,
-                )
-                for clouds in (earlier, later)
-            ]
-            with torch.inference_mode():
-                target_branch = 1 if network.architecture.branch_norms else 0
-                encodings = network.encode(batches[0]), network.encode(batches[1], target_branch)
-                motions.append(network.align(*encodings))
-        return motions
+    def __init__(self, network: AlignNet, n_points: int = PLAIN_POINTS) -> None:
+        self.network = unfolded(network)
+        self.n_points = n_points
+        self.rng = np.random.default_rng(0)
 
-    return run, sum(min(len(a), len(b)) for a, b in zip(frames[:-1], frames[1:], strict=True))
+    def prepare(self, clouds: Sequence[Points]) -> list[Points]:
+        """Do nothing: clouds are encoded pair by pair."""
+        return list(clouds)
+
+    def align(self, pairs: Sequence[tuple[Points, Points]]) -> list[Motion]:
+        """Encode both clouds of each pair, all in one batch, and compare them; give the motions as a batch."""
+        if not pairs:
+            return []
+        sides = [self._pack(clouds) for clouds in zip(*pairs, strict=True)]
+        with torch.inference_mode():
+            target_branch = 1 if self.network.architecture.branch_norms else 0
+            encodings = self.network.encode(sides[0]), self.network.encode(sides[1], target_branch)
+            return [self.network.align(*encodings)]
+
+    def _pack(self, clouds: Sequence[Points]) -> Clouds:
+        """Draw as many points of each cloud, relative to its mean, seen from the origin."""
+        origins = [cloud.mean(axis=0) for cloud in clouds]
+        drawn = [padded(cloud, self.n_points, self.rng) for cloud in clouds]
+        return pack(drawn, origins, -np.stack(origins)[:, :2], self.n_points)
 
 
 def unfolded(network: AlignNet) -> AlignNet:

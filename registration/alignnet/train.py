@@ -17,7 +17,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 from registration.alignnet import checkpoint, loss, processes
 from registration.alignnet.augment import augment
-from registration.alignnet.dataset import Batch, PackedPairs, Progress, draw, limited, to_tensors
+from registration.alignnet.dataset import Batch, PackedPairs, Progress, draw, limited, repeated, to_tensors
 from registration.alignnet.errors import TrainingError
 from registration.alignnet.network import AlignNet
 from registration.alignnet.optimisation import learning_rate, make_optimiser, norm_momentum, set_norm_momentum
@@ -43,7 +43,7 @@ class Training:
         pairs, held_out: what is trained on, and what is only looked at.
         out: folder of `state.safetensors`, `weights.safetensors` and `log.csv`.
         score: makes the columns of the validation table out of held-out errors.
-        about: kept with the weights: `data` and `commit` of `checkpoint.About`.
+        about: kept with the weights: `data` and `commit` of `checkpoint.About`; what it starts from is added.
         start_from: weights to start with instead of random ones, to fine-tune.
         progress: told what is done, how many batches of how many.
     """
@@ -64,9 +64,10 @@ class Training:
         self.out.mkdir(parents=True, exist_ok=True)
         if settings.batch_size % self.n_processes:
             raise TrainingError(f"batch_size {settings.batch_size} cannot be shared by {self.n_processes} processes")
-        self.n_steps = len(self.pairs) // settings.batch_size  # of an epoch; what is left over is dropped
+        self.index = repeated(self.pairs, settings.near, settings.near_times)  # of the pairs of an epoch
+        self.n_steps = len(self.index) // settings.batch_size  # what is left over is dropped
         if self.n_steps == 0:
-            raise TrainingError(f"{len(self.pairs)} pairs make no batch of {settings.batch_size}")
+            raise TrainingError(f"{len(self.index)} pairs make no batch of {settings.batch_size}")
         if settings.threads:
             torch.set_num_threads(settings.threads)
         torch.manual_seed(settings.seed)
@@ -117,6 +118,7 @@ class Training:
         if about.architecture != self.recipe.network:
             raise TrainingError(f"{path}: is a network of another kind than the recipe's; make [network] the same")
         self.network.load_state_dict(network.state_dict())
+        self.about = {**self.about, "started_from": about.fields()}
 
     def _step(self, network: torch.nn.Module, batch: Batch, step: int) -> dict[str, Tensor]:
         """Follow the gradient of one batch; give the loss and its parts."""
@@ -152,7 +154,7 @@ class Training:
         """Draw and change the pairs of a step: this process' share of the batch."""
         settings = self.recipe.training
         epoch, position = divmod(step, self.n_steps)
-        order = np.random.default_rng([settings.seed, epoch]).permutation(len(self.pairs))
+        order = np.random.default_rng([settings.seed, epoch]).permutation(self.index)
         index = order[position * settings.batch_size :][self.rank : settings.batch_size : self.n_processes]
         rng = np.random.default_rng([settings.seed, epoch, position, self.rank])
         batch = augment(draw(self.pairs, index, settings.max_points, rng), self.recipe.augment, rng)

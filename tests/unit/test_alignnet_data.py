@@ -8,7 +8,7 @@ import pytest
 from registration import planar
 from registration.alignnet import dataset
 from registration.alignnet.augment import LEAST, AugmentSettings, augment
-from registration.alignnet.dataset import Batch
+from registration.alignnet.dataset import Batch, repeated
 from registration.alignnet.errors import TrainingError
 from registration.pair_set import PairSet, write_pair_set
 from tests import learned
@@ -172,3 +172,12 @@ def test_the_same_seed_makes_the_same_batch_and_leaves_the_set_alone():
     for field in fields(Batch):
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
     np.testing.assert_array_equal(packed.points, copy)
+
+
+def test_pairs_of_near_objects_come_several_times():
+    pairs = learned.packed(12)
+    distance = np.hypot(*pairs.center[::2, :2].T)
+    near = float(np.median(distance))
+    index = repeated(pairs, near, 3)
+    assert index.tolist() == [k for k in range(12) for _ in range(3 if distance[k] < near else 1)]
+    assert repeated(pairs, 0.0, 3).tolist() == list(range(12))

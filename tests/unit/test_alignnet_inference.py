@@ -9,13 +9,14 @@ import torch
 
 import registration
 from registration import planar, se3
-from registration.alignnet import checkpoint, inference, timing
-from registration.alignnet.answers import nearest_turn
+from registration.alignnet import answers, checkpoint, inference, timing
+from registration.alignnet.answers import nearest_turns
 from registration.alignnet.errors import WeightsError
 from registration.alignnet.method import AlignNetCars
 from registration.alignnet.network import AlignNet
 from registration.alignnet.packing import pack, padded, thinned
 from registration.alignnet.recipe import Recipe
+from registration.alignnet.timing import PlainWay
 from registration.method import prepare_seen_from
 from registration.types import MotionPrior, Status
 from tests import learned
@@ -44,10 +45,11 @@ def test_it_keeps_the_contract(tmp_path, precision, settings):
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-4), (torch.bfloat16, 0.1)])
+@pytest.mark.parametrize("pack", [True, False])
 @torch.no_grad()
-def test_the_folded_network_gives_what_the_plain_one_gives(dtype, tolerance):
+def test_the_folded_network_gives_what_the_plain_one_gives(dtype, tolerance, pack):
     network = learned.network()
-    folded, plain = inference.fold(network, dtype), timing.unfolded(network)
+    folded, plain = inference.fold(network, inference.How(dtype, pack)), timing.unfolded(network)
     clouds = learned.clouds(sizes=(30, 5, 200))
     fast, slow = folded.encode(clouds), plain.encode(clouds)
     torch.testing.assert_close(fast.center, slow.center, rtol=0.0, atol=tolerance)
@@ -63,8 +65,8 @@ def test_unpadded_clouds_give_what_clouds_with_repeated_points_give():
     offsets = CAR - CAR.mean(axis=0)
     repeated = np.concatenate([offsets, offsets[:212]])
     assert len(padded(offsets, 512, np.random.default_rng(0))) == 512
-    center = pack([offsets], np.zeros((1, 2)) - 10.0, 512)
-    again = pack([repeated], np.zeros((1, 2)) - 10.0, 512)._replace(n_seen=center.n_seen)
+    center = pack([offsets], [np.zeros(3)], np.zeros((1, 2)) - 10.0, 512)
+    again = pack([repeated], [np.zeros(3)], np.zeros((1, 2)) - 10.0, 512)._replace(n_seen=center.n_seen)
     features = [network.coarse(made.points, made.cloud, 1) for made in (center, again)]
     torch.testing.assert_close(*features)
 
@@ -123,7 +125,7 @@ def test_a_tracker_in_world_axes_says_where_the_sensor_was(tmp_path):
     turned = planar.rotation(np.pi / 2) @ by_sensor.velocity
     np.testing.assert_allclose(by_world.velocity, turned, atol=2e-3)
     (here, _), (there, _) = (prepare_seen_from(method, [CAR], sensors)[0] for sensors in (None, [[3.0, 40.0]]))
-    assert not torch.allclose(here.encodings[0].embedding, there.encodings[0].embedding)
+    assert not np.allclose(here.rows[0], there.rows[0])
 
 
 def test_a_prior_is_fused_by_the_covariances(make):
@@ -154,9 +156,8 @@ def test_what_the_network_is_not_sure_of_is_no_success(make):
 
 
 def test_front_and_back_are_told_apart_by_how_far_objects_turn():
-    assert nearest_turn(3.0, 0.0) == pytest.approx(3.0 - np.pi)
-    assert nearest_turn(0.2, 0.0) == pytest.approx(0.2)
-    assert nearest_turn(0.2, 3.0) == pytest.approx(0.2 + np.pi - 2 * np.pi)
+    turns = nearest_turns(np.array([3.0, 0.2, 0.2, 3.0]), np.array([0.0, 0.0, 3.0, -3.0]))
+    np.testing.assert_allclose(turns, [3.0 - np.pi, 0.2, 0.2 - np.pi, 3.0])
 
 
 def test_large_clouds_are_thinned_evenly_and_always_alike():
@@ -199,9 +200,61 @@ def test_a_frame_without_objects_has_no_clouds_and_no_sensors(make):
         make().prepare([CAR], [])
 
 
-def test_streaming_and_the_plain_way_make_the_same_number_of_transforms(make):
-    frames = [[CAR + [0.1 * k, 0.0, 0.0], CAR[:100]] for k in range(4)]
-    run, n = timing.streaming(make(), frames)
-    assert len(run()) == n == 6
-    run, n = timing.plain(timing.unfolded(learned.network()), frames)
-    assert sum(len(motion.turn) for motion in run()) == n == 6
+def test_the_plain_way_gives_the_same_motions_but_for_the_points_it_draws(tmp_path):
+    path = learned.quiet_weights(tmp_path / "w.safetensors")
+    method = AlignNetCars(weights=str(path), precision="float32", max_points=300)
+    plain = PlainWay(checkpoint.read_weights(path)[0], n_points=4000)  # so many that no point is left out
+    target = se3.transform(T_TRUE, CAR)
+    (motion,) = plain.align([(CAR, target)] * 2)
+    assert plain.align([]) == []
+    a, b = method.prepare([CAR, target])
+    found = method.align([(a, b)])[0]
+    shift = (motion.moved_center - motion.center)[0].numpy() + target.mean(axis=0) - CAR.mean(axis=0)
+    center = CAR.mean(axis=0) + motion.center[0].numpy()
+    np.testing.assert_allclose(found.motion_about(center)[:2], shift[:2], atol=0.06)
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_a_cloud_is_encoded_alike_whatever_is_beside_it(make, precision):
+    method = make(precision=precision)
+    clouds = [car_cloud(n, seed=n) + [9.0, 0.1 * n, -1.0] for n in (3, 40, 127, 128, 129, 256, 300, 900)]
+    alone = [method.prepare([cloud])[0].rows[0] for cloud in clouds]
+    for begin, end in ((0, 8), (1, 3), (2, 7)):
+        for row, prepared in zip(alone[begin:end], method.prepare(clouds[begin:end]), strict=True):
+            np.testing.assert_allclose(row, prepared.rows[0], rtol=0.0, atol=1e-6)
+
+
+def test_encodings_come_back_from_rows():
+    network, clouds = learned.network(), learned.clouds(sizes=(30, 5, 200))
+    with torch.no_grad():
+        encoding = network.encode(clouds)
+    rows = inference.to_rows(encoding)
+    for field, kept in zip(encoding, inference.from_rows([rows[2], rows[0]], network), strict=True):
+        assert torch.equal(field[[2, 0]], kept)
+
+
+def test_results_of_a_batch_are_those_of_the_formulas_pair_by_pair():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(5, 3, 3))
+    found = answers.Answers(
+        center=rng.normal(size=(5, 3)) * [1, 1, 0],
+        moved_center=rng.normal(size=(5, 3)) * [1, 1, 0],
+        turn=rng.uniform(-1.0, 1.0, 5),
+        covariance=0.01 * root @ root.transpose(0, 2, 1),
+    )
+    sources, targets = rng.normal(size=(2, 5, 3)) + [10.0, 5.0, -1.0]
+    results = answers.results(found, [(CAR, CAR)] * 5, sources, targets, found.turn)
+    for k, result in enumerate(results):
+        center = sources[k] + found.center[k]
+        shift = targets[k] + found.moved_center[k] - center
+        np.testing.assert_allclose(result.motion_about(center), [*shift[:2], found.turn[k]], atol=1e-12)
+        expected = planar.transport_covariance(found.covariance[k], found.turn[k], center[:2], sources[k, :2])
+        np.testing.assert_allclose(result.covariance, expected, atol=1e-7)
+        assert result.T_target_source[2, 3] == pytest.approx(targets[k, 2] - sources[k, 2])
+        assert found.spread[k] ** 2 == pytest.approx(np.linalg.eigvalsh(found.covariance[k, :2, :2]).max())
+
+
+def test_the_plain_way_of_a_method_runs_its_own_weights(make):
+    expected, plain = learned.network().state_dict(), make().plain_way().network.state_dict()
+    assert set(plain) == set(expected)
+    assert torch.equal(plain["fine.layers.0.weight"], expected["fine.layers.0.weight"])

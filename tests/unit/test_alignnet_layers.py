@@ -1,10 +1,14 @@
 """What is folded, packed and sparse gives what the plain way gives, and its gradients."""
 
+from unittest.mock import Mock
+
 import pytest
 import torch
+from torch import nn
 
-from registration.alignnet import ragged
+from registration.alignnet import products, ragged
 from registration.alignnet.layers import Head, NormalisedLinear, PointEncoder
+from registration.alignnet.products import FoldedLinear
 from tests import learned
 
 
@@ -41,6 +45,45 @@ def test_bfloat16_has_the_maximum_of_its_own_products():
     x, weight = torch.randn(300, 8).bfloat16(), torch.randn(20, 8).bfloat16()
     cloud = torch.repeat_interleave(torch.arange(3), 100)
     assert torch.equal(ragged.linear_maximum(x, weight, cloud, 3), ragged.maximum(x @ weight.T, cloud, 3))
+
+
+@pytest.mark.parametrize("sizes", [(5,), (3, 0, 40, 1), (0, 0, 9)])
+def test_the_compiled_maximum_of_bfloat16_is_the_maximum(sizes):
+    torch.manual_seed(0)
+    cloud = torch.repeat_interleave(torch.arange(len(sizes)), torch.tensor(sizes))
+    features = torch.randn(sum(sizes), 6).bfloat16() - torch.tensor([0, 9, 0, -9, 0, 0])  # a column of one sign too
+    features = features.bfloat16()
+    best = ragged.half_maximum(features, cloud, len(sizes))
+    assert torch.equal(best, ragged.maximum(features, cloud, len(sizes)))
+
+
+def test_points_are_said_in_axes_of_their_own_cloud():
+    points, cloud = torch.tensor([[3.0, 1.0, 5.0], [3.0, 1.0, 5.0]]), torch.tensor([0, 1])
+    origin, heading = torch.tensor([[3.0, 0.0, 1.0], [0.0, 0.0, 0.0]]), torch.tensor([torch.pi / 2, torch.pi])
+    expected = torch.tensor([[1.0, 0.0, 4.0], [-3.0, -1.0, 5.0]])
+    torch.testing.assert_close(ragged.in_axes(points, cloud, origin, heading), expected)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-5), (torch.bfloat16, 0.05)])
+@pytest.mark.parametrize("active", [True, False])
+def test_a_folded_layer_of_inference_is_the_layer_and_its_relu(dtype, tolerance, active):
+    torch.manual_seed(4)
+    layer = nn.Linear(7, 5)
+    folded, x = FoldedLinear(layer, dtype, active=active), torch.randn(9, 7)
+    expected = torch.relu(layer(x)) if active else layer(x)
+    with torch.no_grad():
+        torch.testing.assert_close(folded(x.to(dtype)).float(), expected, rtol=0.0, atol=tolerance)
+        torch.testing.assert_close(folded.product(x.to(dtype)).float(), x @ layer.weight.T, rtol=0.0, atol=tolerance)
+
+
+def test_torch_without_packed_weights_gives_the_same(monkeypatch):
+    layer, x = nn.Linear(70, 50), torch.randn(9, 70).bfloat16()
+    packed = FoldedLinear(layer, torch.bfloat16)
+    monkeypatch.setattr(products, "_multiply", Mock(side_effect=NotImplementedError))
+    plain = FoldedLinear(layer, torch.bfloat16)
+    assert plain.packed is None
+    monkeypatch.undo()
+    torch.testing.assert_close(plain(x), packed(x), rtol=0.01, atol=0.01)
 
 
 @pytest.mark.parametrize("training", [False, True])

@@ -12,7 +12,7 @@ from registration.alignnet.augment import AugmentSettings
 from registration.alignnet.errors import TrainingError, WeightsError
 from registration.alignnet.loss import LossSettings
 from registration.alignnet.network import Architecture
-from registration.alignnet.recipe import OptimiserSettings, Recipe, TrainingSettings
+from registration.alignnet.recipe import OptimiserSettings, Recipe, TrainingSettings, to_table
 from registration.alignnet.train import STATE, Training
 from registration.alignnet.validate import validate
 from tests import learned
@@ -38,15 +38,26 @@ def weights_of(path):
     return checkpoint.read_weights(path)[0].state_dict()
 
 
-@pytest.mark.parametrize(("precision", "step"), [("float32", 2), ("float32", 3), ("bfloat16", 7)])
-def test_a_training_that_is_killed_ends_with_the_same_weights(tmp_path, precision, step):
-    recipe = replace(RECIPE, training=replace(RECIPE.training, precision=precision))
+@pytest.mark.parametrize(
+    ("precision", "step", "near"), [("float32", 2, 0.0), ("float32", 3, 15.0), ("bfloat16", 7, 15.0)]
+)
+def test_a_training_that_is_killed_ends_with_the_same_weights(tmp_path, precision, step, near):
+    recipe = replace(RECIPE, training=replace(RECIPE.training, precision=precision, near=near, near_times=3))
     whole = weights_of(training(tmp_path / "whole", recipe).run())
     training(tmp_path / "killed", recipe).run(stop_after=step)
     assert not (tmp_path / "killed" / "weights.safetensors").exists()
     resumed = weights_of(training(tmp_path / "killed", recipe).run())
     for name, tensor in whole.items():
         assert torch.equal(tensor, resumed[name]), name
+
+
+def test_pairs_of_near_objects_make_an_epoch_longer(tmp_path):
+    pairs = learned.packed(28)
+    n_near = int((np.hypot(*pairs.center[::2, :2].T) < 15.0).sum())
+    assert 0 < n_near < 28
+    recipe = replace(RECIPE, training=replace(RECIPE.training, near=15.0, near_times=3))
+    assert training(tmp_path / "a").n_steps == 28 // 8
+    assert training(tmp_path / "b", recipe).n_steps == (28 + 2 * n_near) // 8
 
 
 def test_another_seed_ends_elsewhere(tmp_path):
@@ -118,5 +129,8 @@ def test_fine_tuning_starts_from_weights(tmp_path):
     second = training(tmp_path / "second", start_from=first)
     for name, tensor in weights_of(first).items():
         assert torch.equal(second.network.state_dict()[name], tensor)
+    about = checkpoint.read_weights(second.run())[1]
+    assert about.started_from["recipe"]["training"] == to_table(RECIPE)["training"]
+    assert about.started_from["commit"] == checkpoint.read_weights(first)[1].commit
     with pytest.raises(TrainingError, match="network of another kind"):
         training(tmp_path / "third", replace(RECIPE, network=Architecture()), start_from=first)
