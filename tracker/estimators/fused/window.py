@@ -103,13 +103,11 @@ class Window:
         d, n = self.state.shape[2], len(self)
         i, j = i % n, j % n
         blocks = self.covariance.reshape(n, 3, d, n, 3, d)
-        parts = (0, 2) if is_seen else (0,)
-
-        def between(a: int, b: int) -> Square:
-            return sum((blocks[a, p, :, b, q] for p in parts for q in parts), start=np.zeros((d, d)))
-
-        across = between(i, j)
-        return between(i, i) + between(j, j) - across - across.T
+        if is_seen:
+            blocks = blocks[:, ::2, :, :, ::2].sum(axis=(1, 4))[:, None, :, :, None]
+        across = blocks[i, 0, :, j, 0]
+        found: Square = blocks[i, 0, :, i, 0] + blocks[j, 0, :, j, 0] - across - across.T
+        return found
 
     def advance(self, time: float, shake: Square | None = None, offset_sd: float = NO_OFFSET) -> bool:
         """Add a frame where the motion so far would lead; say whether the oldest one had to leave for it.
