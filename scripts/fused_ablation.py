@@ -46,7 +46,6 @@ def variants() -> dict[str, FusedSettings]:
         "earlier looks than the last": replace(whole, shape_lags=(1,), learned_lags=(1,)),
         "heavy tails": replace(whole, motion=motion, turn=turn),
         "offsets of a look": unmoved,
-        "steady axes": replace(whole, steady_axes=False),
         "the centre": replace(whole, refers_to_center=False),
         "parked objects": replace(whole, knows_parked=False),
     }

@@ -1,4 +1,4 @@
-"""The fused estimator: windows of comparisons, the ego's heading, parked objects, hindsight, and what upsets them."""
+"""The fused estimator: windows of comparisons, parked objects, hindsight, and what upsets them."""
 
 from dataclasses import replace
 
@@ -9,8 +9,7 @@ from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.fused import parked
-from tracker.estimators.fused.heading import EgoHeading
-from tracker.estimators.fused.sources import Evidence, Expected, Shape
+from tracker.estimators.fused.sources import Expected, Shape
 from tracker.estimators.fused.window import Comparison, MotionModel, Window
 from tracker.types import EstimateStatus
 
@@ -75,29 +74,6 @@ def test_a_comparison_without_information_is_left_out():
     assert len(window.comparisons) == n
 
 
-def test_what_objects_have_in_common_is_the_egos_turn_and_one_that_disagrees_is_outvoted():
-    heading = EgoHeading(0.0)
-    for k in range(1, 20):
-        heading.advance(0.1 * k)
-        for own in (0.0, 0.0, 0.0, 0.3):  # the last object's comparisons are all wrong
-            for lag in (1, 3, 8):
-                heading.compare(heading.latest - lag, lag * (-0.03 + own), 0.003**2)
-        heading.settle()
-        heading.learn()
-    assert heading.headings[-1] - heading.headings[-2] == pytest.approx(0.03, abs=0.008)
-    assert heading.step_variance() > 0.0
-
-
-def test_a_heading_forgets_frames_that_have_left_its_window():
-    heading = EgoHeading(0.0)
-    for k in range(1, 30):
-        heading.advance(0.1 * k)
-        heading.compare(0, 1.0, 1e-6)  # for long gone
-        heading.compare(heading.latest - 1, 0.0, 1e-6)
-        heading.settle()
-    assert abs(heading.headings[-1] - heading.headings[-2]) < 5e-3
-
-
 def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     cloud = car_cloud(400) + [15.0, 4.0, 0.0]
     place = cloud.mean(axis=0)[:2]
@@ -107,13 +83,6 @@ def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
     assert found.turn == pytest.approx(0.02, abs=0.01)
     assert np.linalg.eigvalsh(found.information).min() >= 0.0
-
-
-def test_evidence_turns_with_the_axes():
-    evidence = Evidence(np.array([1.0, 0.0]), np.diag([4.0, 1.0]), 0.1, 0.01)
-    turned = evidence.turned(0.5 * np.pi, np.array([2.0, 0.0]))
-    np.testing.assert_allclose(turned.step, [-2.0, 3.0], atol=1e-12)  # (3, 0) is now at (0, 3)
-    np.testing.assert_allclose(turned.information, np.diag([1.0, 4.0]), atol=1e-12)
 
 
 def test_what_stands_is_taken_to_stand_and_what_rolls_is_not():

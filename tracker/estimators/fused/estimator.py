@@ -1,15 +1,14 @@
 """The estimator `fused`: each look at an object is compared with several earlier ones, and all of it weighed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from registration import planar, se3
+from registration import planar
 from registration.types import RegistrationResult
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked
-from tracker.estimators.fused.heading import OWN_TURN_SD, EgoHeading
 from tracker.estimators.fused.sources import (
     Evidence,
     Expected,
@@ -18,15 +17,15 @@ from tracker.estimators.fused.sources import (
     Shape,
     evidence_of_network,
     thinned,
-    turn_variance,
 )
-from tracker.estimators.fused.window import Comparison, MotionModel, Square, Vector, Window
+from tracker.estimators.fused.window import Comparison, MotionModel, Vector, Window
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import Covariance2, EstimateStatus, Hindsight, Vector2, VelocityEstimate
 
 # Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
 # fitted to the errors on simulated training sequences.
 HONEST_SHARE = 0.3
+OWN_TURN_SD = 0.3  # of an object's rate of turn before anything is known [rad/s]
 LEAST_SD = 0.01  # of a velocity [m/s]
 FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
 SEARCHED_TURN_SD = 0.01  # of a turn that is always searched [rad]
@@ -52,7 +51,6 @@ class FusedSettings:
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the ego's heading between frames with given poses [rad].
-        steady_axes: whether the ego's turn is told from the objects, where there are no poses.
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
         knows_parked: whether what stands in the world is taken to stand.
     """
@@ -69,7 +67,6 @@ class FusedSettings:
     search_floor: float = 0.1
     search_doubt: float = 4.0
     pose_turn_sd: float = 0.001
-    steady_axes: bool = True
     refers_to_center: bool = True
     knows_parked: bool = True
 
@@ -96,7 +93,7 @@ class _Track:
     n_centers: int = 0
 
     def center_at(self, j: int) -> Vector:
-        """Give the object's centre at frame j, in steady axes [m]."""
+        """Give the object's centre at frame j [m]."""
         return self.place.state[j, 0] + planar.rotation(float(self.turn.state[j, 0, 0])) @ self.center
 
     def refer_to_center(self) -> None:
@@ -116,7 +113,7 @@ class FusedEstimator(FrameEstimator):
     places that agree with all comparisons and with a motion of nearly constant velocity, where single comparisons,
     looks and accelerations may be far off (Student's t).  Nothing is accumulated that a wrong velocity could smear.
 
-    Without ego poses the window lives in axes that `EgoHeading` keeps from turning; results are in the sensor's.
+    Without ego poses all is relative to the sensor, in its axes.
     """
 
     name = "fused"
@@ -131,7 +128,6 @@ class FusedEstimator(FrameEstimator):
         self.settings = settings or FusedSettings()
         self._shape, self._learned = Shape(), Learned()
         self._tracks: dict[int, _Track] = {}
-        self._heading: EgoHeading | None = None
 
     def forget(self, track_id: int) -> None:
         """Drop a track."""
@@ -153,12 +149,11 @@ class FusedEstimator(FrameEstimator):
         """Compare each object with its past, step by step more sure of where it is."""
         if not sightings:
             return {}
-        heading = self._begin_frame(sightings)
-        new = self._look(sightings, heading)
+        new = self._look(sightings)
         known = {key: self._tracks[key] for key in sightings if key in self._tracks}
         for key, track in known.items():
             self._advance(track, sightings[key])
-        new, is_measured = self._first_comparisons(known, new, sightings)
+        is_measured = self._first_comparisons(known, new, sightings)
         for lag in self.settings.shape_lags[1:]:
             self._compare_further(known, new, sightings, lag)
         for key, track in known.items():
@@ -166,33 +161,22 @@ class FusedEstimator(FrameEstimator):
             track.looks.append(new[key])
             if self.settings.refers_to_center:
                 track.refer_to_center()
-        if self._heading is not None:
-            self._heading.learn()
         self._start_tracks(sightings, new)
         may_stand = self.settings.knows_parked and next(iter(sightings.values())).in_world
         return {key: _measurement(track, is_measured[key], may_stand) for key, track in known.items()}
 
     def _first_comparisons(
         self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting]
-    ) -> tuple[dict[int, Look], dict[int, bool]]:
-        """Compare with the last look by shape, and by the network; turn all by what objects say of the ego's heading.
-
-        Returns:
-            the new looks in axes that are steady now, and whether anything was found of each object.
-        """
+    ) -> dict[int, bool]:
+        """Compare with the last look by shape, and by the network; say whether anything was found of each object."""
         first = self.settings.shape_lags[0] if self.settings.shape_lags else 0
         steps = self._compare_shapes(known, new, sightings, first) if first else {}
         opinions = self._ask(known, new)
-        turned = dict(new)
-        if self._heading is not None:
-            change = self._settle_heading(self._heading, known, new, steps, opinions)
-            turned = {key: _turned(look, change) for key, look in new.items()}
-            steps = {key: e.turned(change, known[key].place.seen(-1 - first)) for key, e in steps.items()}
         for key, track in known.items():
             _hear(track, {first: steps[key]} if key in steps else {})
-            _hear(track, _in_steady_axes(opinions[key], track, turned[key]))
+            _hear(track, _as_evidence(opinions[key], track, new[key]))
             track.place.solve()
-        return turned, {key: key in steps or bool(opinions[key]) for key in known}
+        return {key: key in steps or bool(opinions[key]) for key in known}
 
     def _compare_further(
         self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting], lag: int
@@ -200,43 +184,26 @@ class FusedEstimator(FrameEstimator):
         """Compare with an earlier look by shape, from where the last comparisons say that the object is."""
         for key, evidence in self._compare_shapes(known, new, sightings, lag).items():
             _hear(known[key], {lag: evidence})
-            self._tell_heading(known[key].looks[-lag], new[key], evidence)
             known[key].place.solve()
 
-    def _begin_frame(self, sightings: Mapping[int, Sighting]) -> float:
-        """Give the heading of the axes that the objects are seen in [rad]."""
-        times = [sighting.timestamp for sighting in sightings.values()]
-        if next(iter(sightings.values())).in_world or not self.settings.steady_axes:
-            self._heading = None
-            return 0.0
-        if self._heading is None:
-            self._heading = EgoHeading(float(np.mean(times)))
-            return 0.0
-        return self._heading.advance(float(np.mean(times)))
-
-    def _look(self, sightings: Mapping[int, Sighting], heading: float) -> dict[int, Look]:
+    def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
         seen = list(sightings.values())
         encoded = self._learned.encode([s.points for s in seen], [s.sensor for s in seen])
-        turn = 0 if self._heading is None else self._heading.latest
-        looks = {}
-        for (key, sighting), learned in zip(sightings.items(), encoded, strict=True):
-            center = self._learned.center(learned)
-            look = Look(thinned(sighting.points), len(sighting.points), learned, center, 0.0, turn, sighting.frame)
-            looks[key] = _turned(look, heading)
-        return looks
+        return {
+            key: Look(thinned(s.points), len(s.points), learned, self._learned.center(learned), s.frame)
+            for (key, s), learned in zip(sightings.items(), encoded, strict=True)
+        }
 
     def _advance(self, track: _Track, sighting: Sighting) -> None:
         """Expect the object where its motion leads, in axes whose own turn is not known exactly."""
-        shake = self._shake(track.place.state[-1, 0] - sighting.sensor)
-        has_left = track.place.advance(sighting.timestamp, shake, self._offset_sd(sighting, track.looks[-1]))
+        arm = track.place.state[-1, 0] - sighting.sensor
+        across = self.settings.pose_turn_sd * np.array([-arm[1], arm[0]])
+        has_left = track.place.advance(
+            sighting.timestamp, np.outer(across, across), self._offset_sd(sighting, track.looks[-1])
+        )
         track.turn.advance(sighting.timestamp)
         if has_left:
             track.looks.pop(0)
-
-    def _shake(self, arm: Vector) -> Square:
-        variance = self.settings.pose_turn_sd**2 if self._heading is None else self._heading.step_variance()
-        across = np.array([-arm[1], arm[0]])
-        return variance * np.outer(across, across)
 
     def _offset_sd(self, sighting: Sighting, before: Look | None = None) -> float:
         """Say how far what is seen may be off: more where it is little, close, or another part than the last time."""
@@ -276,7 +243,6 @@ class FusedEstimator(FrameEstimator):
                 2
             )
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
-            doubt += 0.0 if self._heading is None else self._heading.step_variance()
         return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)
 
     def _ask(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> dict[int, dict[int, RegistrationResult]]:
@@ -288,33 +254,6 @@ class FusedEstimator(FrameEstimator):
             if answer is not None:
                 opinions[key][lag] = answer
         return opinions
-
-    def _settle_heading(
-        self,
-        heading: EgoHeading,
-        known: Mapping[int, _Track],
-        new: Mapping[int, Look],
-        steps: Mapping[int, Evidence],
-        opinions: Mapping[int, Mapping[int, RegistrationResult]],
-    ) -> float:
-        """Find the ego's turn that the objects have in common; give the change of the heading [rad]."""
-        for key, evidence in steps.items():
-            self._tell_heading(known[key].looks[-self.settings.shape_lags[0]], new[key], evidence)
-        for key, answers in opinions.items():
-            for lag, answer in answers.items():
-                look = known[key].looks[-lag]
-                heading.compare(
-                    look.heading_index, se3.yaw(answer.T_target_source), turn_variance(answer, look, new[key])
-                )
-        change = heading.settle()
-        for track in known.values():
-            track.place.shake_last(self._shake(track.place.state[-2, 0]))
-        return change
-
-    def _tell_heading(self, older: Look, new: Look, evidence: Evidence) -> None:
-        if self._heading is not None and np.isfinite(evidence.turn_variance):
-            seen = evidence.turn - (self._heading.headings[-1] - older.heading)
-            self._heading.compare(older.heading_index, planar.wrap(seen), evidence.turn_variance)
 
     def _start_tracks(self, sightings: Mapping[int, Sighting], new: Mapping[int, Look]) -> None:
         own = self.settings
@@ -341,7 +280,7 @@ def _hear(track: _Track, evidence: Mapping[int, Evidence]) -> None:
             track.turn.compare(Comparison(newest - lag, newest, np.array([e.turn]), turn_information))
 
 
-def _in_steady_axes(opinions: Mapping[int, RegistrationResult], track: _Track, new: Look) -> dict[int, Evidence]:
+def _as_evidence(opinions: Mapping[int, RegistrationResult], track: _Track, new: Look) -> dict[int, Evidence]:
     return {
         lag: evidence_of_network(answer, track.looks[-lag], new, track.place.seen(-1 - lag))
         for lag, answer in opinions.items()
@@ -349,37 +288,27 @@ def _in_steady_axes(opinions: Mapping[int, RegistrationResult], track: _Track, n
 
 
 def _measurement(track: _Track, is_measured: bool, may_stand: bool) -> Measurement:
-    """Read the step to the latest look, and what is now known of those before; in the axes that each was seen in."""
+    """Read the step to the latest look, and what is now known of those before."""
     standing = parked.probability(track.place) if may_stand else 0.0
     velocity, covariance = parked.mixed(*_step(track, -1), standing)
-    turns = track.turn.state[:, 0, 0] - [look.heading for look in track.looks]
+    (yaw_rate,), _ = track.turn.step()
     earlier = range(len(track.looks) - 2, 0, -1)
     return Measurement(
-        position=planar.rotation(-track.looks[-1].heading) @ track.center_at(-1),
+        position=track.center_at(-1),
         velocity=velocity,
         covariance=covariance,
-        yaw_rate=float((turns[-1] - turns[-2]) / (track.turn.times[-1] - track.turn.times[-2])),
+        yaw_rate=float(yaw_rate),
         status=EstimateStatus.CONVERGED if is_measured else EstimateStatus.NOT_CONVERGED,
         hindsight=tuple(Hindsight(track.looks[j].frame, *parked.mixed(*_step(track, j), standing)) for j in earlier),
     )
 
 
 def _step(track: _Track, j: int) -> tuple[Vector2, Covariance2]:
-    """Give the velocity of the step to look j, as a displacement between the axes of both looks."""
+    """Give the velocity of the centre over the step to look j."""
     j %= len(track.looks)
-    before, after = (planar.rotation(-track.looks[k].heading) for k in (j - 1, j))
-    moved = after @ track.center_at(j) - before @ track.center_at(j - 1)
+    seconds = track.place.times[j] - track.place.times[j - 1]
     _, covariance = track.place.step(j)
     _, turn_variance = track.turn.step(j)
     arm = planar.rotation(float(track.turn.state[j, 0, 0])) @ np.array([-track.center[1], track.center[0]])
-    covariance = covariance + turn_variance * np.outer(arm, arm)
-    covariance = HONEST_SHARE * after @ covariance @ after.T + LEAST_SD**2 * np.eye(2)
-    return moved / (track.place.times[j] - track.place.times[j - 1]), covariance
-
-
-def _turned(look: Look, change: float) -> Look:
-    if change == 0.0:
-        return look
-    points = se3.transform(se3.from_yaw(change, np.zeros(3)), look.points)
-    center = None if look.center is None else planar.rotation(change) @ look.center
-    return replace(look, points=points, center=center, heading=look.heading + change)
+    covariance = HONEST_SHARE * (covariance + turn_variance * np.outer(arm, arm)) + LEAST_SD**2 * np.eye(2)
+    return (track.center_at(j) - track.center_at(j - 1)) / seconds, covariance

@@ -30,12 +30,10 @@ class Look:
     """What is kept of one look at an object.
 
     Attributes:
-        points: in steady axes, thinned [m].
+        points: thinned [m].
         n_points: how many there were.
-        learned: the network's encoding, of the points in the axes they were seen in; None for a look not encoded.
-        heading: of these axes in the steady ones [rad].
-        center: where the network believes the object's centre, in steady axes (2) [m]; None where it cannot tell.
-        heading_index: number of that heading, for `EgoHeading`.
+        learned: the network's encoding.
+        center: where the network believes the object's centre (2) [m]; None where it cannot tell.
         frame: number of the frame in its sequence.
     """
 
@@ -43,14 +41,12 @@ class Look:
     n_points: int
     learned: Any
     center: Vector | None
-    heading: float
-    heading_index: int
     frame: int
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """A motion that was measured between two looks, in steady axes.
+    """A motion that was measured between two looks.
 
     Attributes:
         step: displacement of the object's reference point (2) [m].
@@ -64,19 +60,13 @@ class Evidence:
     turn: float
     turn_variance: float
 
-    def turned(self, angle: float, place: Vector) -> "Evidence":
-        """Turn the newer look about the origin: its axes were off by that [rad]; `place` is the older one's."""
-        R = planar.rotation(angle)
-        step = R @ (place + self.step) - place
-        return Evidence(step, R @ self.information @ R.T, self.turn + angle, self.turn_variance)
-
 
 @dataclass(frozen=True, slots=True)
 class Expected:
     """Where an earlier look is expected in the newer one.
 
     Attributes:
-        T: the motion, in steady axes; the earlier points are put there first.
+        T: the motion; the earlier points are put there first.
         covariance: of what is left of (x, y) [m^2]; None where nothing is known of the motion.
         turn_variance: of what is left of yaw [rad^2].
     """
@@ -110,7 +100,7 @@ class Shape:
         """Compare many pairs at once.
 
         Args:
-            earlier, newer: points of both looks, in steady axes; the same newer cloud may come several times.
+            earlier, newer: points of both looks; the same newer cloud may come several times.
             sensors: where the newer ones were seen from.
             places: of the reference point in the earlier looks.
             expected: motions.
@@ -136,7 +126,7 @@ class Shape:
 
 
 class Learned:
-    """Ask AlignNet: each look is encoded once, in the axes it was seen in, and compared with any other."""
+    """Ask AlignNet: each look is encoded once, and compared with any other."""
 
     def __init__(self) -> None:
         """Load the weights."""
@@ -147,16 +137,12 @@ class Learned:
         return self._method.prepare(clouds, sensors)
 
     def center(self, encoding: Any) -> Vector | None:
-        """Say where the network believes an object's centre (x, y), in the axes it was seen in [m]."""
+        """Say where the network believes an object's centre (x, y) [m]."""
         center = self._method.center(encoding)
         return None if center is None else center[:2]
 
     def ask(self, pairs: Sequence[tuple[Look, Any]]) -> list[RegistrationResult | None]:
-        """Compare many pairs (earlier look, newer encoding) at once; None where the network does not know.
-
-        Returns:
-            motions in the axes that the looks were seen in.
-        """
+        """Compare many pairs (earlier look, newer encoding) at once; None where the network does not know."""
         results = self._method.align([(earlier.learned, newer) for earlier, newer in pairs])
         return [result if result.status is Status.CONVERGED else None for result in results]
 
@@ -215,23 +201,17 @@ def _evidence_of_shape(
 
 
 def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, place: Vector) -> Evidence:
-    """Bring an answer of the network from the axes that the looks were seen in to steady ones.
+    """Read an answer of the network at the object's reference point.
 
     Args:
         result: motion between the looks.
         earlier, newer: the looks.
-        place: of the object's reference point in the earlier one, in steady axes [m].
+        place: of the reference point in the earlier one [m].
     """
-    before, after = (se3.from_yaw(look.heading, np.zeros(3)) for look in (earlier, newer))
-    T = after @ result.T_target_source @ se3.invert(before)
-    R = np.eye(3)
-    R[:2, :2] = after[:2, :2]
-    centroid = _moved(before, result.source_centroid[:2])
-    turn = planar.wrap(se3.yaw(T))
-    covariance = _about(R @ result.covariance @ R.T, turn, centroid, place)
-    return Evidence(
-        _moved(T, place) - place, np.linalg.inv(covariance[:2, :2]), turn, turn_variance(result, earlier, newer)
-    )
+    T, turn = result.T_target_source, se3.yaw(result.T_target_source)
+    covariance = _about(result.covariance, turn, result.source_centroid[:2], place)
+    information = np.linalg.inv(NETWORK_DOUBT * covariance[:2, :2])
+    return Evidence(_moved(T, place) - place, information, turn, turn_variance(result, earlier, newer))
 
 
 def turn_variance(result: RegistrationResult, earlier: Look, newer: Look) -> float:
