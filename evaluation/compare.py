@@ -35,7 +35,7 @@ class CompareConfig:
     sequences: tuple[str, ...] = ()  # names; empty: all that have scans
     classes: tuple[str, ...] = ("Car", "Van")
     estimators: tuple[str, ...] = ("centroid-kf", "icp")
-    smoothing: tuple[str, ...] = SMOOTHINGS
+    smoothing: tuple[str, ...] = ("causal", "window", "rts")
     window: int = 1  # half width of the window mean [frames]; the paper's is 1
     frame: str = WORLD  # world, or sensor: relative to the ego, as in the papers
     truth: str = AUTO  # labels, smoothed or exact; auto: exact where a simulator wrote it, smoothed elsewhere
