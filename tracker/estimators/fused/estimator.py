@@ -50,7 +50,7 @@ class FusedSettings:
             behind another one; it grows with the square of the share of points that came or went [m].
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
-        pose_turn_sd: of the ego's heading between frames with given poses [rad].
+        pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
         knows_parked: whether what stands in the world is taken to stand.
     """
@@ -239,9 +239,8 @@ class FusedEstimator(FrameEstimator):
         else:
             own = self.settings
             shift = track.place.seen(-1) - place
-            covariance = own.search_doubt * track.place.difference(older, is_seen=True) + own.search_floor**2 * np.eye(
-                2
-            )
+            covariance = own.search_doubt * track.place.difference(older, is_seen=True)
+            covariance = covariance + own.search_floor**2 * np.eye(2)
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
         return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)
 

@@ -1,6 +1,6 @@
 """Where evidence of an object's motion comes from: its shape, laid on itself, and the network's opinion."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,8 @@ from registration.types import MotionPrior, PlanarCovariance, Points, Registrati
 from tracker.estimators.fused.window import Square, Vector
 from tracker.types import Vector2
 
-SHAPE_POINTS = 600  # of a cloud that are laid on another one
+KEPT_POINTS = 2000  # of a look, at most
+SHAPE_POINTS = 600  # of those, that are laid on another cloud by planes
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
 TURN_SAMPLING = 1.0
@@ -100,7 +101,7 @@ class Shape:
         """Compare many pairs at once.
 
         Args:
-            earlier, newer: points of both looks; the same newer cloud may come several times.
+            earlier, newer: points of both looks.
             sensors: where the newer ones were seen from.
             places: of the reference point in the earlier looks.
             expected: motions.
@@ -109,16 +110,10 @@ class Shape:
             return []
         moved = [se3.transform(e.T, points) for e, points in zip(expected, earlier, strict=True)]
         priors = [_prior(e, a, b) for e, a, b in zip(expected, moved, newer, strict=True)]
-        targets, index = _distinct(newer)
-        seen_from = [sensors[k] for k in (index.index(j) for j in range(len(targets)))]
-        found = self._search.align(
-            _pairs(self._search.prepare(moved, sensors), self._search.prepare(targets, seen_from), index), priors
-        )
+        found = self._search.align(_paired(self._search.prepare, moved, newer, sensors), priors)
         beliefs = [_belief(result, e.turn_variance) for result, e in zip(found, expected, strict=True)]
-        sources, surfaces = ([_thinned(c, SHAPE_POINTS) for c in clouds] for clouds in (moved, targets))
-        refined = self._planes.align(
-            _pairs(self._planes.prepare(sources), self._planes.prepare(surfaces), index), beliefs
-        )
+        sources, targets = ([thinned(cloud, SHAPE_POINTS) for cloud in clouds] for clouds in (moved, newer))
+        refined = self._planes.align(_paired(self._planes.prepare, sources, targets), beliefs)
         return [
             _evidence_of_shape(before, after, e, place, min(len(a), len(b)))
             for before, after, e, place, a, b in zip(found, refined, expected, places, moved, newer, strict=True)
@@ -147,12 +142,8 @@ class Learned:
         return [result if result.status is Status.CONVERGED else None for result in results]
 
 
-def thinned(points: Points, most: int = 2000) -> Points:
-    """Keep every k-th point, so that a look does not take up more memory than it is worth."""
-    return _thinned(points, most)
-
-
-def _thinned(points: Points, most: int) -> Points:
+def thinned(points: Points, most: int = KEPT_POINTS) -> Points:
+    """Keep every k-th point, so that a look takes up no more memory and time than it is worth."""
     return points if len(points) <= most else np.ascontiguousarray(points[:: -(-len(points) // most)])
 
 
@@ -173,15 +164,11 @@ def _belief(found: RegistrationResult, turn_variance: float) -> MotionPrior:
     return MotionPrior(found.motion_about(found.source_centroid), covariance)
 
 
-def _distinct(clouds: Sequence[Points]) -> tuple[list[Points], list[int]]:
-    """Give each cloud once, and which of them stands at each place."""
-    known: dict[int, int] = {}
-    index = [known.setdefault(id(cloud), len(known)) for cloud in clouds]
-    return [clouds[index.index(j)] for j in range(len(known))], index
-
-
-def _pairs(sources: Sequence[Any], targets: Sequence[Any], index: Sequence[int]) -> list[tuple[Any, Any]]:
-    return [(source, targets[j]) for source, j in zip(sources, index, strict=True)]
+def _paired(
+    prepare: Callable[..., list[Any]], sources: Sequence[Points], targets: Sequence[Points], *seen_from: Any
+) -> list[tuple[Any, Any]]:
+    """Prepare both clouds of each pair, as seen from the same place where that matters."""
+    return list(zip(prepare(sources, *seen_from), prepare(targets, *seen_from), strict=True))
 
 
 def _evidence_of_shape(

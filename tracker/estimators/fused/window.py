@@ -143,10 +143,6 @@ class Window:
         """Say where the last frame is to be looked for first."""
         self.state[-1, 0] = place
 
-    def shake_last(self, shake: Square) -> None:
-        """Replace what `advance` was told of the last frame; it counts from the next `solve` on."""
-        self._shakes[-1] = shake
-
     def compare(self, comparison: Comparison) -> None:
         """Take a comparison into account, from the next `solve` on; one that says nothing is left out."""
         if comparison.information.any():
