@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from time import perf_counter
+from types import ModuleType
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -14,8 +15,9 @@ from evaluation.runtime import Timing, car_points, open3d_icp
 from registration.errors import RegistrationError
 from registration.libraries import load_open3d
 from registration.types import Points, RegistrationMethod
-from tracker.kitti import open_sequences
-from tracker.store import cut_sequence
+from tracker.errors import InputError
+from tracker.kitti import check_classes, open_sequences
+from tracker.store import SegmentStore, cut_sequence
 from tracker.tracklets import of_classes
 
 PEER = "Open3D point-to-point ICP, pair by pair"
@@ -36,6 +38,21 @@ class Streamed(Protocol):
 
     def align(self, pairs: Sequence[tuple[Any, Any]]) -> list[Any]:
         """Do the rest for all pairs of a frame."""
+
+
+@dataclass(frozen=True)
+class PairByPair:
+    """Open3D's ICP as it is called by who has clouds: it prepares nothing, and takes one pair at a time."""
+
+    open3d: ModuleType
+
+    def prepare(self, clouds: Sequence[Points]) -> list[Points]:
+        """Leave clouds as they are."""
+        return list(clouds)
+
+    def align(self, pairs: Sequence[tuple[Points, Points]]) -> list[object]:
+        """Align the pairs of a frame, each with clouds of its own."""
+        return [open3d_icp(self.open3d, source, target) for source, target in pairs]
 
 
 @dataclass
@@ -84,29 +101,24 @@ def time_streams(
 
     Raises:
         MissingLibraryError: Open3D cannot be imported.
+        InputError: no more frames with a transform in them than are left out at first.
     """
-    open3d = load_open3d("the comparison with Open3D's ICP")
+    peer = Contestant(PairByPair(load_open3d("the comparison with Open3D's ICP")))
     contestants = {name: Contestant(method) for name in methods if (method := _created(name)) is not None}
-    peer_ms: list[float] = []
     for stream in streams:
-        for contestant in contestants.values():
+        for contestant in (*contestants.values(), peer):
             contestant.previous = {}
-        last: Segments = {}
         for k, segments in enumerate(stream):
-            for contestant in contestants.values():
+            for contestant in (*contestants.values(), peer):
                 contestant.step(segments)
-            pairs = [(last[key], now) for key, now in segments.items() if key in last]
-            start = perf_counter()
-            for pair in pairs:
-                open3d_icp(open3d, *pair)
-            if pairs:
-                peer_ms.append(1e3 * (perf_counter() - start) / len(pairs))
-            last = segments
             if progress is not None:
                 progress("timing transforms", k + 1, len(stream))
-    peer = median(peer_ms[WARM_UP_FRAMES:])
+    if len(peer.ms) <= WARM_UP_FRAMES:
+        what = f"expected more than {WARM_UP_FRAMES} frames with objects that were there in the frame before"
+        raise InputError(f"{what}, to time transforms; got {len(peer.ms)}")
     timings = [
-        Timing(f"{name}: a transform", PEER, contestant.median_ms, peer) for name, contestant in contestants.items()
+        Timing(f"{name}: a transform", PEER, contestant.median_ms, peer.median_ms)
+        for name, contestant in contestants.items()
     ]
     return timings + [
         _beside_plain_way(name, contestant.method, streams)
@@ -124,16 +136,20 @@ def _beside_plain_way(name: str, method: Any, streams: Sequence[Sequence[Segment
     return Timing(f"{name}: a transform by itself", PLAIN, ours.median_ms, plain.median_ms)
 
 
-def kitti_streams(root: Path, sequences: Sequence[str], classes: Sequence[str], cache: Path) -> list[list[Segments]]:
-    """Cut the non-empty segments of some classes out of KITTI sequences, frame by frame.
+def kitti_stores(root: Path, sequences: Sequence[str], classes: Sequence[str], cache: Path) -> list[SegmentStore]:
+    """Cut the segments of KITTI sequences; all that have scans where none is named.
 
     Raises:
-        TrackerError: no such sequence, no scans, damaged data.
+        TrackerError: no such sequence, none of the classes, no scans, damaged data.
     """
-    return [
-        [_points(of_classes(frame.segments, classes)) for frame in cut_sequence(sequence, cache).frames()]
-        for sequence in open_sequences(root, tuple(sequences))
-    ]
+    opened = open_sequences(root, tuple(sequences))
+    check_classes(opened, classes)
+    return [cut_sequence(sequence, cache) for sequence in opened]
+
+
+def kitti_stream(store: SegmentStore, classes: Sequence[str]) -> list[Segments]:
+    """Read the non-empty segments of some classes, frame by frame."""
+    return [_points(of_classes(frame.segments, classes)) for frame in store.frames()]
 
 
 def generated_stream(rng: np.random.Generator, n_frames: int = 25, n_objects: int = 8) -> Iterator[Segments]:

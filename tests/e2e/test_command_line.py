@@ -163,11 +163,23 @@ def test_demo_ends_with_a_table_and_pictures(tmp_path):
 
 
 def test_benchmark_shows_both_contestants(tmp_path):
-    regmot("benchmark", "--methods", "centroid,icp,adh-3d", "--no-growth", "--out", "timings.json", cwd=tmp_path)
+    options = ["--methods", "centroid,icp,adh-3d", "--estimators", "none", "--no-growth"]
+    regmot("benchmark", *options, "--out", "timings.json", cwd=tmp_path)
     timings = json.loads((tmp_path / "timings.json").read_text())["timings"]
     whats = [timing["what"] for timing in timings]
     assert whats == [f"{name}: a transform" for name in ("centroid", "icp", "adh-3d")]
     assert all(timing["ours_ms"] > 0.0 and timing["peer_ms"] > 0.0 for timing in timings)
+
+
+def test_benchmark_times_estimators_beside_open3d_on_the_data_given(street, tmp_path):
+    options = ["--methods", "centroid", "--estimators", "adh-3d,centroid-kf", "--no-growth"]
+    printed = regmot("benchmark", street, *options, "--out", "timings.json", cwd=tmp_path)
+    found = json.loads((tmp_path / "timings.json").read_text())
+    rows = found["estimators"]["rows"]
+    assert [row["what"] for row in rows] == ["adh-3d", "centroid-kf", "Open3D point-to-point ICP"]
+    assert {row["n_frames"] for row in rows} == {8 - 5}
+    assert all(row["what"] in printed.stdout for row in rows)
+    assert found["root"] == str(street)
 
 
 @pytest.mark.parametrize(
@@ -199,6 +211,8 @@ def test_every_command_helps_with_an_example_to_paste(command, tmp_path):
         (["compare", "STREET", "--range", "inf"], "ranges must be positive and finite [m], got inf"),
         (["track", "STREET", "--classes", "car"], "no car in the labels"),
         (["register", "STREET", "--methods", ""], "methods is empty"),
+        (["benchmark", "STREET", "--estimators", "icq"], "no estimator 'icq'"),
+        (["benchmark", "STREET", "--classes", "Tram"], "no Tram in the labels; they hold Car, Pedestrian, Van"),
         (["simulate", "new", "--scene", "moon"], "no scene 'moon'"),
         (["simulate", "STREET/training"], "holds something that no simulation has written"),
     ],
