@@ -22,6 +22,7 @@ BUILT_IN = {
     "centroid": "registration.methods.centroid:Centroid",
     "icp": "registration.methods.icp:PointToPointICP",
     "plane-icp": "registration.methods.plane_icp:PointToPlaneICP",
+    "fused": "registration.methods.fused:FusedRegistration",
     "fgr": "registration.methods.fgr:FastGlobalRegistration",
     "gicp": "registration.methods.gicp:GeneralizedICP",
     "global-icp": "registration.methods.global_icp:GlobalICP",
