@@ -9,27 +9,33 @@ from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.fused import parked
+from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.sources import Expected, Shape
-from tracker.estimators.fused.window import Comparison, MotionModel, Window
+from tracker.estimators.fused.window import Comparison, MotionModel, Window, solve
 from tracker.types import EstimateStatus
 
-MODEL = MotionModel(density=1.0, n_frames=9)
+MODEL = MotionModel(density=1.0, rate_sd=30.0, n_frames=9)
 
 
 def window_of(velocity, n=6, wrong=None, dt=0.1, offset_sd=0.01, tails=(4.0, 3.0, 4.0)):
     """Compare each frame with the 1 and 2 before it; `wrong` maps a newer frame to an error of all its comparisons."""
     velocity = np.asarray(velocity, dtype=np.float64)
-    window = Window.start(replace(MODEL, tails=tails), 0.0, np.zeros(2), 30.0, offset_sd)
+    axes = Heading(turns=False, n_frames=9)
+    axes.advance(0.0)
+    window = Window.start(replace(MODEL, tails=tails), 0.0, axes, np.zeros(2), offset_sd)
     for k in range(1, n):
-        window.advance(k * dt, offset_sd=offset_sd)
+        axes.advance(k * dt)
+        window.advance(k * dt, axes, offset_sd=offset_sd)
         if k == 1:
             window.place_last(velocity * dt)
         for lag in (1, 2):
             if k >= lag:
                 off = np.zeros(2) if wrong is None or k not in wrong else np.asarray(wrong[k])
                 newest = len(window) - 1
-                window.compare(Comparison(newest - lag, newest, velocity * lag * dt + off, np.eye(2) / 0.02**2))
-        window.solve()
+                window.compare(
+                    Comparison(newest - lag, newest, np.zeros(2), velocity * lag * dt + off, np.eye(2) / 0.02**2)
+                )
+        solve([window], axes)
     return window
 
 
@@ -67,10 +73,36 @@ def test_the_difference_of_two_frames_is_what_the_joint_covariance_says():
     np.testing.assert_allclose(window.difference(1, 4, is_seen=True), A @ window.covariance @ A.T, atol=1e-15)
 
 
+def test_objects_tell_together_how_their_axes_turn():
+    """Three objects at constant velocities, seen from a sensor that begins to turn; nobody tells of turns."""
+    axes = Heading(turns=True, n_frames=9)
+    angles = np.concatenate([np.zeros(5), np.cumsum(np.linspace(0.0, 0.05, 10))])
+    starts = np.array([[40.0, 10.0], [30.0, -20.0], [10.0, 5.0]])
+    velocities = np.array([[-10.0, 0.0], [0.0, 12.0], [0.0, 0.0]])
+    windows = []
+    for k, angle in enumerate(angles):
+        axes.advance(0.1 * k)
+        seen = (starts + 0.1 * k * velocities) @ planar.rotation(angle)
+        if k == 0:
+            windows = [Window.start(MODEL, 0.0, axes, place) for place in seen]
+            before = seen
+            continue
+        for window, old, place in zip(windows, before, seen, strict=True):
+            window.advance(0.1 * k, axes)
+            newest = len(window) - 1
+            window.compare(Comparison(newest - 1, newest, old, place - old, np.eye(2) / 0.01**2))
+        solve(windows, axes)
+        before = seen
+    old = (starts + 0.1 * (k - 1) * velocities) @ planar.rotation(angles[-2])
+    for window, place, previous in zip(windows, before, old, strict=True):
+        np.testing.assert_allclose(window.step()[0], (place - previous) / 0.1, atol=0.05)
+    assert axes.turn_since(axes.latest - 2) == pytest.approx(angles[-1] - angles[-3], abs=0.01)
+
+
 def test_a_comparison_without_information_is_left_out():
     window = window_of([1.0, 0.0], 3)
     n = len(window.comparisons)
-    window.compare(Comparison(0, 2, np.zeros(2), np.zeros((2, 2))))
+    window.compare(Comparison(0, 2, np.zeros(2), np.zeros(2), np.zeros((2, 2))))
     assert len(window.comparisons) == n
 
 

@@ -9,6 +9,7 @@ from registration import planar
 from registration.types import RegistrationResult
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked
+from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.sources import (
     Evidence,
     Expected,
@@ -18,19 +19,17 @@ from tracker.estimators.fused.sources import (
     evidence_of_network,
     thinned,
 )
-from tracker.estimators.fused.window import Comparison, MotionModel, Vector, Window
+from tracker.estimators.fused.window import Comparison, MotionModel, Square, Vector, Window, solve
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import Covariance2, EstimateStatus, Hindsight, Vector2, VelocityEstimate
 
 # Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
 # fitted to the errors on simulated training sequences.
 HONEST_SHARE = 0.3
-OWN_TURN_SD = 0.3  # of an object's rate of turn before anything is known [rad/s]
 LEAST_SD = 0.01  # of a velocity [m/s]
 FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
 SEARCHED_TURN_SD = 0.01  # of a turn that is always searched [rad]
 MOST_CENTERS = 20  # looks that count for where an object's centre is
-RATE_SD = 15.0  # of an object's velocity before anything is known, along x and y [m/s]; fast ones soon prove it
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,8 @@ class FusedSettings:
     """From physics and the sensor; what is fitted was fitted on simulated training sequences.
 
     Attributes:
-        motion: of a car: accelerations of 3 m/s^2 that last for a tenth of a second to a second.
+        motion: of a car: accelerations of 3 m/s^2 that last for a tenth of a second to a second; objects faster than
+            30 m/s soon prove it.
         turn: of a car's heading.
         shape_lags: how many looks ago are the points compared by shape; the first is the step itself.
         learned_lags: and by the network.
@@ -46,27 +46,31 @@ class FusedSettings:
             case, of a single point of many, and of a single point that is all that is seen [m].
         offset_near: the same at 1 m from the sensor, falling with the range squared: what is close changes its look
             from scan to scan [m].
-        offset_changed: the same for a look that shares no point with the one before, as when an object comes out from
-            behind another one; it grows with the square of the share of points that came or went [m].
+        shape_changed, learned_changed: standard deviation of a comparison of looks that share nothing, as when an
+            object comes out from behind another one: a part that grows pulls the whole along.  It goes with the square
+            of the share of points that came or went, beside those that the range explains [m].
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
+        turns_axes: whether the sensor's axes are known to turn, where there are no poses.
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
         knows_parked: whether what stands in the world is taken to stand.
     """
 
-    motion: MotionModel = field(default_factory=lambda: MotionModel(density=2.0))
-    turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02))
+    motion: MotionModel = field(default_factory=lambda: MotionModel(density=2.0, rate_sd=15.0))
+    turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02, rate_sd=0.3))
     shape_lags: tuple[int, ...] = (1, 4)
     learned_lags: tuple[int, ...] = (1, 3, 8)
     offset_floor: float = 0.005
     offset_sampling: float = 0.05
     offset_single: float = 1.0
     offset_near: float = 0.5
-    offset_changed: float = 0.2
+    shape_changed: float = 2.0
+    learned_changed: float = 0.6
     search_floor: float = 0.1
     search_doubt: float = 4.0
     pose_turn_sd: float = 0.001
+    turns_axes: bool = True
     refers_to_center: bool = True
     knows_parked: bool = True
 
@@ -128,6 +132,7 @@ class FusedEstimator(FrameEstimator):
         self.settings = settings or FusedSettings()
         self._shape, self._learned = Shape(), Learned()
         self._tracks: dict[int, _Track] = {}
+        self._axes = self._steady = Heading(turns=False, n_frames=self.settings.motion.n_frames)
 
     def forget(self, track_id: int) -> None:
         """Drop a track."""
@@ -151,19 +156,31 @@ class FusedEstimator(FrameEstimator):
             return {}
         new = self._look(sightings)
         known = {key: self._tracks[key] for key in sightings if key in self._tracks}
+        self._begin_frame(sightings)
         for key, track in known.items():
             self._advance(track, sightings[key])
         is_measured = self._first_comparisons(known, new, sightings)
         for lag in self.settings.shape_lags[1:]:
             self._compare_further(known, new, sightings, lag)
+        solve([track.turn for track in known.values()], self._steady)
         for key, track in known.items():
-            track.turn.solve()
             track.looks.append(new[key])
             if self.settings.refers_to_center:
                 track.refer_to_center()
         self._start_tracks(sightings, new)
         may_stand = self.settings.knows_parked and next(iter(sightings.values())).in_world
         return {key: _measurement(track, is_measured[key], may_stand) for key, track in known.items()}
+
+    def _begin_frame(self, sightings: Mapping[int, Sighting]) -> None:
+        """Go on with the axes if any object does; else begin them anew."""
+        in_world = next(iter(sightings.values())).in_world
+        if not self._tracks:
+            n_frames = self.settings.motion.n_frames
+            self._steady = Heading(turns=False, n_frames=n_frames)
+            turns = self.settings.turns_axes and not in_world
+            self._axes = Heading(turns=True, n_frames=n_frames) if turns else self._steady
+        for axes in {id(axes): axes for axes in (self._steady, self._axes)}.values():
+            axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
 
     def _first_comparisons(
         self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting]
@@ -173,9 +190,9 @@ class FusedEstimator(FrameEstimator):
         steps = self._compare_shapes(known, new, sightings, first) if first else {}
         opinions = self._ask(known, new)
         for key, track in known.items():
-            _hear(track, {first: steps[key]} if key in steps else {})
-            _hear(track, _as_evidence(opinions[key], track, new[key]))
-            track.place.solve()
+            _hear(track, {first: steps[key]} if key in steps else {}, self._axes)
+            _hear(track, self._of_network(opinions[key], track, new[key]), self._axes)
+        solve([track.place for track in known.values()], self._axes)
         return {key: key in steps or bool(opinions[key]) for key in known}
 
     def _compare_further(
@@ -183,14 +200,14 @@ class FusedEstimator(FrameEstimator):
     ) -> None:
         """Compare with an earlier look by shape, from where the last comparisons say that the object is."""
         for key, evidence in self._compare_shapes(known, new, sightings, lag).items():
-            _hear(known[key], {lag: evidence})
-            known[key].place.solve()
+            _hear(known[key], {lag: evidence}, self._axes)
+        solve([track.place for track in known.values()], self._axes)
 
     def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
         seen = list(sightings.values())
         encoded = self._learned.encode([s.points for s in seen], [s.sensor for s in seen])
         return {
-            key: Look(thinned(s.points), len(s.points), learned, self._learned.center(learned), s.frame)
+            key: Look(thinned(s.points), len(s.points), s.sensor, learned, self._learned.center(learned), s.frame)
             for (key, s), learned in zip(sightings.items(), encoded, strict=True)
         }
 
@@ -198,22 +215,17 @@ class FusedEstimator(FrameEstimator):
         """Expect the object where its motion leads, in axes whose own turn is not known exactly."""
         arm = track.place.state[-1, 0] - sighting.sensor
         across = self.settings.pose_turn_sd * np.array([-arm[1], arm[0]])
-        has_left = track.place.advance(
-            sighting.timestamp, np.outer(across, across), self._offset_sd(sighting, track.looks[-1])
-        )
-        track.turn.advance(sighting.timestamp)
+        time, offset_sd = sighting.timestamp, self._offset_sd(sighting)
+        has_left = track.place.advance(time, self._axes, np.outer(across, across), offset_sd)
+        track.turn.advance(time, self._steady)
         if has_left:
             track.looks.pop(0)
 
-    def _offset_sd(self, sighting: Sighting, before: Look | None = None) -> float:
-        """Say how far what is seen may be off: more where it is little, close, or another part than the last time."""
+    def _offset_sd(self, sighting: Sighting) -> float:
+        """Say how far what is seen may be off: more where it is little, or close."""
         n, own = len(sighting.points), self.settings
-        parts = [own.offset_floor, own.offset_sampling / n**0.5, own.offset_single / n]
-        parts.append(own.offset_near / max(sighting.range_m, 1.0) ** 2)
-        if before is not None:
-            changed = 1.0 - min(n, before.n_points) / max(n, before.n_points)
-            parts.append(own.offset_changed * changed**2)
-        return float(np.linalg.norm(parts))
+        near = own.offset_near / max(sighting.range_m, 1.0) ** 2
+        return float(np.linalg.norm([own.offset_floor, own.offset_sampling / n**0.5, own.offset_single / n, near]))
 
     def _compare_shapes(
         self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting], lag: int
@@ -227,7 +239,10 @@ class FusedEstimator(FrameEstimator):
             [known[key].place.seen(-1 - lag) for key in keys],
             [self._expected(known[key], new[key], lag) for key in keys],
         )
-        return dict(zip(keys, evidence, strict=True))
+        return {
+            key: e.doubted(self.settings.shape_changed * _changed(known[key], lag, new[key]))
+            for key, e in zip(keys, evidence, strict=True)
+        }
 
     def _expected(self, track: _Track, new: Look, lag: int) -> Expected:
         older = -1 - lag
@@ -240,9 +255,15 @@ class FusedEstimator(FrameEstimator):
             own = self.settings
             shift = track.place.seen(-1) - place
             covariance = own.search_doubt * track.place.difference(older, is_seen=True)
+            covariance = covariance + own.search_doubt * self._swing(track)
             covariance = covariance + own.search_floor**2 * np.eye(2)
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
         return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)
+
+    def _swing(self, track: _Track) -> Square:
+        """Give the covariance of where an object is that the axes' own turn adds [m^2]."""
+        x, y = track.place.seen(-1)
+        return self._axes.step_variance() * np.array([[y * y, -x * y], [-x * y, x * x]])
 
     def _ask(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> dict[int, dict[int, RegistrationResult]]:
         """Give the network's opinion of each object, by lag."""
@@ -254,6 +275,14 @@ class FusedEstimator(FrameEstimator):
                 opinions[key][lag] = answer
         return opinions
 
+    def _of_network(self, opinions: Mapping[int, RegistrationResult], track: _Track, new: Look) -> dict[int, Evidence]:
+        """Read the network's opinions of an object, by lag."""
+        own, found = self.settings, {}
+        for lag, answer in opinions.items():
+            evidence = evidence_of_network(answer, track.looks[-lag], new, track.place.seen(-1 - lag))
+            found[lag] = evidence.doubted(own.learned_changed * _changed(track, lag, new))
+        return found
+
     def _start_tracks(self, sightings: Mapping[int, Sighting], new: Mapping[int, Look]) -> None:
         own = self.settings
         for key, sighting in sightings.items():
@@ -261,29 +290,34 @@ class FusedEstimator(FrameEstimator):
                 continue
             points, time = new[key].points, sighting.timestamp
             middle = 0.5 * (points.min(axis=0) + points.max(axis=0))[:2]
-            place = Window.start(own.motion, time, middle, RATE_SD, self._offset_sd(sighting))
-            self._tracks[key] = _Track(place, Window.start(own.turn, time, np.zeros(1), OWN_TURN_SD), [new[key]])
+            place = Window.start(own.motion, time, self._axes, middle, self._offset_sd(sighting))
+            turn = Window.start(own.turn, time, self._steady, np.zeros(1))
+            self._tracks[key] = _Track(place, turn, [new[key]])
             if own.refers_to_center:
                 self._tracks[key].refer_to_center()
 
 
-def _hear(track: _Track, evidence: Mapping[int, Evidence]) -> None:
+def _changed(track: _Track, lag: int, new: Look) -> float:
+    """Say how much of what is seen of an object came or went, beside what its range explains: from 0 to 1, squared."""
+    older = track.looks[-lag]
+    before, now = (  # as many points as would be seen from 1 m
+        look.n_points * float(np.sum((track.place.seen(frame) - look.sensor) ** 2))
+        for look, frame in ((older, -1 - lag), (new, -1))
+    )
+    return (1.0 - min(before, now) / max(before, now)) ** 2
+
+
+def _hear(track: _Track, evidence: Mapping[int, Evidence], axes: Heading) -> None:
     """Take evidence about an object into account, by lag."""
     newest = len(track.place) - 1
     for lag, e in evidence.items():
         if newest == 1:
             track.place.place_last(track.place.seen(0) + e.step)
-        track.place.compare(Comparison(newest - lag, newest, e.step, e.information))
+        track.place.compare(Comparison(newest - lag, newest, track.place.seen(newest - lag), e.step, e.information))
         if np.isfinite(e.turn_variance):
             turn_information = np.array([[1.0 / e.turn_variance]])
-            track.turn.compare(Comparison(newest - lag, newest, np.array([e.turn]), turn_information))
-
-
-def _as_evidence(opinions: Mapping[int, RegistrationResult], track: _Track, new: Look) -> dict[int, Evidence]:
-    return {
-        lag: evidence_of_network(answer, track.looks[-lag], new, track.place.seen(-1 - lag))
-        for lag, answer in opinions.items()
-    }
+            track.turn.compare(Comparison(newest - lag, newest, np.zeros(1), np.array([e.turn]), turn_information))
+            axes.hear(track.place.axes[newest - lag], e.turn, e.turn_variance)
 
 
 def _measurement(track: _Track, is_measured: bool, may_stand: bool) -> Measurement:

@@ -1,7 +1,7 @@
 """Where evidence of an object's motion comes from: its shape, laid on itself, and the network's opinion."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ class Look:
     Attributes:
         points: thinned [m].
         n_points: how many there were.
+        sensor: where they were seen from (2) [m].
         learned: the network's encoding.
         center: where the network believes the object's centre (2) [m]; None where it cannot tell.
         frame: number of the frame in its sequence.
@@ -40,6 +41,7 @@ class Look:
 
     points: Points
     n_points: int
+    sensor: Vector
     learned: Any
     center: Vector | None
     frame: int
@@ -60,6 +62,11 @@ class Evidence:
     information: Square
     turn: float
     turn_variance: float
+
+    def doubted(self, sd: float) -> "Evidence":
+        """Add an error of the displacement in both directions [m]."""
+        information = np.linalg.solve(np.eye(2) + sd**2 * self.information, self.information)
+        return replace(self, information=0.5 * (information + information.T))
 
 
 @dataclass(frozen=True, slots=True)

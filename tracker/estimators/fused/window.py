@@ -1,11 +1,14 @@
 """Where something was at the last few frames, from comparisons of any two of them: a fixed-lag smoother."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float64
 
-from tracker.estimators.fused import window_kernels
+from registration import planar
+from tracker.estimators.fused import heading, window_kernels
+from tracker.estimators.fused.heading import Heading
 
 Vector = Float64[np.ndarray, " d"]
 Square = Float64[np.ndarray, "d d"]
@@ -22,35 +25,39 @@ class MotionModel:
 
     Attributes:
         density: spectral density of the acceleration's white noise [m^2/s^3], or of a turn's [rad^2/s^3].
+        rate_sd: standard deviation of a rate before anything is known, along each axis [m/s, rad/s].
         tails: degrees of freedom of Student's t for the errors of comparisons, of offsets, and of the motion; 0 for
             normal ones.
         n_frames: length of the window.
     """
 
     density: float
+    rate_sd: float
     tails: tuple[float, float, float] = (3.0, 2.0, 4.0)
     n_frames: int = 9
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A measured difference of place plus offset between two frames.
+    """A measured difference of place plus offset between two frames, each in the axes of its own frame.
 
     Attributes:
         older, newer: places of the frames in the window.
-        step: the difference (d).
+        start: a point of the object in the older frame (d); matters where axes turn.
+        step: from there to where the same point is in the newer frame (d).
         information: its inverse covariance (d, d); singular where a direction was not measured.
     """
 
     older: int
     newer: int
+    start: Vector
     step: Vector
     information: Square
 
 
 @dataclass
 class Window:
-    """The latest frames of one object: place, rate and offset at each, with their joint covariance.
+    """The latest frames of one object: place, rate and offset at each, in its own axes, with their joint covariance.
 
     The offset is that of what was seen of the object in a frame, as when a part of it is hidden: it is common to all
     comparisons with that frame, which would seem to agree otherwise.  Frames leave the window at its end; what they
@@ -59,31 +66,35 @@ class Window:
     Attributes:
         model: of the motion.
         times: of the frames [s].
+        axes: number of each frame in the `Heading` that they share with other objects.
         state: place, rate, offset of each (n, 3, d).
         covariance: of all of it, frame by frame (3 n d, 3 n d).
         comparisons: between frames of the window.
+        shakes, offset_sds: of the frames; see `advance`.
     """
 
     model: MotionModel
     times: list[float]
+    axes: list[int]
     state: Float64[np.ndarray, "n 3 d"]
     covariance: Joint
     comparisons: list[Comparison] = field(default_factory=list)
-    _shakes: list[Square] = field(default_factory=list)
-    _offset_sds: list[float] = field(default_factory=list)
+    shakes: list[Square] = field(default_factory=list)
+    offset_sds: list[float] = field(default_factory=list)
     _rates: list[tuple[Vector, Square]] = field(default_factory=list)  # of each frame, known at its own time
 
     @classmethod
     def start(
-        cls, model: MotionModel, time: float, place: Vector, rate_sd: float, offset_sd: float = NO_OFFSET
+        cls, model: MotionModel, time: float, axes: Heading, place: Vector, offset_sd: float = NO_OFFSET
     ) -> "Window":
-        """Begin with one frame, whose rate is about 0."""
+        """Begin with one frame, the latest of the axes; the rate is about 0 there."""
         d = len(place)
         state = np.zeros((1, 3, d))
         state[0, 0] = place
-        variances = np.repeat([PLACED, rate_sd**2, offset_sd**2], d)
-        rate = (np.zeros(d), rate_sd**2 * np.eye(d))
-        return cls(model, [time], state, np.diag(variances), [], [np.zeros((d, d))], [offset_sd], [rate])
+        variances = np.repeat([PLACED, model.rate_sd**2, offset_sd**2], d)
+        rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
+        frame = ([time], [axes.latest], state, np.diag(variances))
+        return cls(model, *frame, [], [np.zeros((d, d))], [offset_sd], [rate])
 
     def __len__(self) -> int:
         return len(self.times)
@@ -109,30 +120,33 @@ class Window:
         found: Square = blocks[i, 0, :, i, 0] + blocks[j, 0, :, j, 0] - across - across.T
         return found
 
-    def advance(self, time: float, shake: Square | None = None, offset_sd: float = NO_OFFSET) -> bool:
+    def advance(self, time: float, axes: Heading, shake: Square | None = None, offset_sd: float = NO_OFFSET) -> bool:
         """Add a frame where the motion so far would lead; say whether the oldest one had to leave for it.
 
         Args:
             time: of the new frame [s]; at least SHORTEST_STEP after the last.
-            shake: covariance that its place has beside that of the motion (d, d).
+            axes: whose latest frame it is.
+            shake: covariance that the new place has beside that of the motion (d, d).
             offset_sd: standard deviation of its offset.
         """
         d, n = self.state.shape[2], len(self)
         time = max(time, self.times[-1] + SHORTEST_STEP)
         dt, q = time - self.times[-1], self.model.density
         shake = np.zeros((d, d)) if shake is None else shake
+        turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         place, rate, _ = self.state[-1]
-        self.state = np.concatenate([self.state, [[place + dt * rate, rate, np.zeros(d)]]])
+        self.state = np.concatenate([self.state, [[turned @ (place + dt * rate), turned @ rate, np.zeros(d)]]])
         A = np.zeros((3 * d, 3 * d * n))
-        A[: 2 * d, -3 * d : -d] = np.kron([[1.0, dt], [0.0, 1.0]], np.eye(d))
+        A[: 2 * d, -3 * d : -d] = np.kron([[1.0, dt], [0.0, 1.0]], turned)
         noise = np.kron(q * np.array([[dt**3 / 3, dt**2 / 2, 0], [dt**2 / 2, dt, 0], [0, 0, 0]]), np.eye(d))
         noise[:d, :d] += shake
         noise[2 * d :, 2 * d :] = offset_sd**2 * np.eye(d)
         across = A @ self.covariance
         self.covariance = np.block([[self.covariance, across.T], [across, across @ A.T + noise]])
         self.times.append(time)
-        self._shakes.append(shake)
-        self._offset_sds.append(offset_sd)
+        self.axes.append(axes.latest)
+        self.shakes.append(shake)
+        self.offset_sds.append(offset_sd)
         self._rates.append(self._latest_rate())
         if len(self) <= self.model.n_frames:
             return False
@@ -148,24 +162,13 @@ class Window:
         if comparison.information.any():
             self.comparisons.append(comparison)
 
-    def solve(self) -> None:
-        """Find the most likely places, rates and offsets of all frames."""
-        if not self.comparisons:
-            return
-        mean, covariance = self._rates[0]
-        self.state, self.covariance = window_kernels.solve(
-            np.array(self.times),
-            self.state,
-            float(self.model.density),
-            np.array(self._shakes),
-            np.array(self._offset_sds),
-            np.array(self.model.tails),
-            mean,
-            np.linalg.inv(covariance),
-            np.array([(c.older, c.newer) for c in self.comparisons]),
-            np.array([c.step for c in self.comparisons]),
-            np.array([c.information for c in self.comparisons]),
-        )
+    @property
+    def first_rate(self) -> tuple[Vector, Square]:
+        """The rate at the first frame, as it was known at its own time, and its covariance."""
+        return self._rates[0]
+
+    def learn_rate(self) -> None:
+        """Take the latest rate for what is known of it at its own time."""
         self._rates[-1] = self._latest_rate()
 
     def _latest_rate(self) -> tuple[Vector, Square]:
@@ -174,9 +177,64 @@ class Window:
 
     def _drop_oldest(self) -> None:
         d = self.state.shape[2]
-        for series in (self.times, self._shakes, self._offset_sds, self._rates):
+        for series in (self.times, self.axes, self.shakes, self.offset_sds, self._rates):
             series.pop(0)
         self.state, self.covariance = self.state[1:], self.covariance[3 * d :, 3 * d :]
-        self.comparisons = [
-            Comparison(c.older - 1, c.newer - 1, c.step, c.information) for c in self.comparisons if c.older > 0
-        ]
+        self.comparisons = [replace(c, older=c.older - 1, newer=c.newer - 1) for c in self.comparisons if c.older > 0]
+
+
+def solve(windows: Sequence[Window], axes: Heading) -> None:
+    """Find the most likely places, rates and offsets of all frames of objects that share a model and axes.
+
+    Objects without comparisons stay as they are.
+    """
+    windows = [window for window in windows if window.comparisons]
+    if not windows:
+        return
+    state, covariances, angles, rates, rate_variance = window_kernels.solve(
+        _packed(windows, axes), _open(axes), float(windows[0].model.density), np.array(windows[0].model.tails)
+    )
+    frame, width = 0, 3 * state.shape[2]
+    for window, covariance in zip(windows, covariances, strict=True):
+        n = len(window)
+        window.state = state[frame : frame + n]
+        window.covariance = covariance[: n * width, : n * width]
+        window.learn_rate()
+        frame += n
+    axes.settle(angles, rates, rate_variance)
+
+
+def _packed(windows: Sequence[Window], axes: Heading) -> window_kernels.Windows:
+    comparisons = [comparison for window in windows for comparison in window.comparisons]
+    numbers = np.array([number for window in windows for number in window.axes])
+    rates, covariances = zip(*(window.first_rate for window in windows), strict=True)
+    return window_kernels.Windows(
+        sizes=np.array([len(window) for window in windows]),
+        counts=np.array([len(window.comparisons) for window in windows]),
+        times=np.array([time for window in windows for time in window.times]),
+        axes=np.maximum(numbers - axes.first, -1),
+        angles=axes.angles_at(numbers),
+        state=np.concatenate([window.state for window in windows]),
+        shakes=np.concatenate([window.shakes for window in windows]),
+        offset_sds=np.concatenate([window.offset_sds for window in windows]),
+        rates=np.array(rates),
+        rate_informations=np.linalg.inv(np.array(covariances)),
+        ends=np.array([(c.older, c.newer) for c in comparisons]),
+        olders=np.array([c.start for c in comparisons]),
+        newers=np.array([c.start + c.step for c in comparisons]),
+        informations=np.array([c.information for c in comparisons]),
+    )
+
+
+def _open(axes: Heading) -> window_kernels.Axes:
+    """Pack the axes that are still open; the latest one where none are."""
+    first = min(axes.first, axes.latest)
+    kept = first - axes.first_kept
+    return window_kernels.Axes(
+        times=np.array(axes.times[kept:]),
+        angles=np.array(axes.angles[kept:]),
+        rates=np.array(axes.rates[kept:]),
+        first_rate=np.array(axes.first_rate),
+        heard=np.array([(i - first, j - first, *rest) for i, j, *rest in axes.heard]).reshape(-1, 4),
+        density=heading.DENSITY,
+    )

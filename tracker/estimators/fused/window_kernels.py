@@ -1,75 +1,177 @@
-"""Least squares over a window of frames with heavy-tailed errors, compiled by numba; the work behind `window`.
+"""Least squares over the windows of many objects, with heavy-tailed errors, compiled by numba; behind `window`.
 
-A frame's unknowns are, D numbers each: place, rate, and the offset by which what was seen of the object is off.
-Comparisons of two frames measure the difference of place plus offset.  Source: Student's t as a scale mixture of
-normals, Lange, Little & Taylor, "Robust statistical modeling using the t distribution", JASA 84(408), 1989.
+An object's unknowns are, D numbers each for each frame: place, rate, and the offset by which what was seen of it is
+off.  Comparisons of two frames measure the difference of place plus offset, in the axes of their frames.  How these
+axes stand against ones that do not turn is unknown too, and the same for all objects: eliminating the objects one by
+one (Schur complement) leaves a small system for the axes.
+
+Sources: Student's t as a scale mixture of normals, Lange, Little & Taylor, "Robust statistical modeling using the t
+distribution", JASA 84(408), 1989; elimination as in bundle adjustment, Triggs et al., "Bundle adjustment - a modern
+synthesis", 2000, section 6.1.
 """
 
 import typing
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 MOST_ITERATIONS = 6
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
+TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
+FIXED = 1e8  # information of the first angle [1/rad^2]
+TURN_TAILS = (3.0, 4.0)  # degrees of freedom of the errors of what is heard of turns, and of their rate's change
+
+
+class Windows(NamedTuple):
+    """The windows of K objects, one after the other; N frames and M comparisons in all.
+
+    Attributes:
+        sizes: frames of each object (K).
+        counts: comparisons of each object (K).
+        times: of the frames [s] (N).
+        axes: number of each frame among the open axes, or -1 (N).
+        angles: of the axes of each frame [rad] (N); for open ones, where to start from.
+        state: unknowns to start from, in the axes of their frames (N, 3, D).
+        shakes: covariance that each frame's place has beside that of the motion (N, D, D); an object's first: unused.
+        offset_sds: standard deviation of each frame's offset (N).
+        rates: what is known of the rate at each object's first frame (K, D).
+        rate_informations: inverse covariance of that (K, D, D).
+        ends: older and newer frame of each comparison, within its object (M, 2).
+        olders: the point whose motion was measured, in the axes of the older frame (M, D).
+        newers: where it was in the newer frame, in the axes of that (M, D).
+        informations: inverse covariance of the difference, in the axes of the newer frame (M, D, D).
+    """
+
+    sizes: np.ndarray
+    counts: np.ndarray
+    times: np.ndarray
+    axes: np.ndarray
+    angles: np.ndarray
+    state: np.ndarray
+    shakes: np.ndarray
+    offset_sds: np.ndarray
+    rates: np.ndarray
+    rate_informations: np.ndarray
+    ends: np.ndarray
+    olders: np.ndarray
+    newers: np.ndarray
+    informations: np.ndarray
+
+
+class Axes(NamedTuple):
+    """The open axes, G of them.
+
+    Attributes:
+        times: [s] (G).
+        angles, rates: to start from (G).
+        first_rate: rate at the first, as known before, and its variance (2).
+        heard: numbers of an older and a newer one, turn between them, information of that (H, 4).
+        density: spectral density of the rate's change [rad^2/s^3].
+    """
+
+    times: np.ndarray
+    angles: np.ndarray
+    rates: np.ndarray
+    first_rate: np.ndarray
+    heard: np.ndarray
+    density: float
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def solve(times, start, density, shakes, offset_sds, tails, rate_mean, rate_information, ends, steps, informations):
-    """Find the most likely unknowns of all frames, and their joint covariance.
+def solve(windows, axes, density, tails):
+    """Find the most likely unknowns of all frames, and their covariance.
 
     Args:
-        times: of the n frames [s].
-        start: unknowns to start from (n, 3, D).
-        density: spectral density of the acceleration's white noise [m^2/s^3, rad^2/s^3].
-        shakes: covariance that each frame's place has beside that (n, D, D); the first is not used.
-        offset_sds: standard deviation of each frame's offset (n).
+        windows: see `Windows`.
+        axes: see `Axes`; at least one, that nothing may refer to.
+        density: spectral density of the objects' white acceleration [m^2/s^3, rad^2/s^3].
         tails: degrees of freedom of the errors of comparisons, of offsets, and of the motion; 0: normal.
-        rate_mean, rate_information: what is known of the first frame's rate (D), (D, D).
-        ends: older and newer frame of each comparison (m, 2).
-        steps: its measured difference (m, D).
-        informations: inverse covariance of that (m, D, D).
 
     Returns:
-        the unknowns (n, 3, D), and their covariance (3 n D, 3 n D), frame by frame.
+        the unknowns in the axes of their frames (N, 3, D); each object's covariance over all its frames (K, 3 n D,
+        3 n D), padded by zeros; angles, rates of the axes (G), and the variance of the latest rate.
     """
-    n, D = len(times), start.shape[2]
-    fixed, known = _beginning(start, rate_mean, rate_information, n, D)
-    motions = np.zeros((n, 4 * D, 4 * D))
-    for i in range(n - 1):
-        motions[i] = _motion(times[i + 1] - times[i], density, shakes[i + 1], D)
-    x = start.copy().reshape(3 * n * D)
-    H = fixed
-    for _ in range(MOST_ITERATIONS):
-        H, b = fixed.copy(), known.copy()
-        for i in range(n - 1):
-            _add_motion(H, x, i, motions[i], tails[2], D)
-        for i in range(n):
-            _add_offset(H, x, i, offset_sds[i], tails[1], D)
-        for k in range(len(ends)):
-            _add_comparison(H, b, x, ends[k], steps[k], informations[k], tails[0], D)
-        found = np.linalg.solve(H, b)
-        change = np.abs(found - x).max()
-        x = found
-        if change < SETTLED:
+    K, G, D = len(windows.sizes), len(axes.times), windows.state.shape[2]
+    width = 3 * D * windows.sizes.max()
+    angles, rates = axes.angles.copy(), axes.rates.copy()
+    x, motions = _begin(windows, angles, density, D)
+    H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
+    common = np.zeros((2 * G, 2 * G))
+    for iteration in range(MOST_ITERATIONS):
+        A, a = _of_turns(axes, angles, rates)
+        frame = comparison = 0
+        for k in range(K):
+            m = 3 * D * windows.sizes[k]
+            H[k], b[k], L[k] = 0.0, 0.0, 0.0
+            _add_object(H[k], b[k], L[k], A, a, x[k], k, frame, comparison, windows, motions, angles, tails, D)
+            inverse = np.linalg.inv(np.ascontiguousarray(H[k, :m, :m]))
+            H[k, :m, :m] = inverse
+            lever = L[k, :m].copy()
+            b[k, :m] = inverse @ b[k, :m]
+            L[k, :m] = -(inverse @ lever)
+            A[:G, :G] += lever.T @ np.ascontiguousarray(L[k, :m])
+            a[:G] -= lever.T @ b[k, :m]
+            frame, comparison = frame + windows.sizes[k], comparison + windows.counts[k]
+        common = np.linalg.inv(A)
+        # the last step leaves the axes where they are: places and axes must fit each other
+        step = common @ a if iteration + 1 < MOST_ITERATIONS else np.zeros(2 * G)
+        angles, rates = angles + step[:G], rates + step[G:]
+        change = 0.0
+        for k in range(K):
+            found = b[k] + L[k] @ step[:G]
+            change = max(change, np.abs(found - x[k]).max())
+            x[k] = found
+        if change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
             break
-    return x.reshape(n, 3, D), np.linalg.inv(H)
+    state = _in_own_axes(x, H, L, common[:G, :G].copy(), windows, angles, D)
+    return state, H, angles, rates, common[2 * G - 1, 2 * G - 1]
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _beginning(start, rate_mean, rate_information, n, D):
-    """Give information matrix and vector of what is known of the first frame."""
-    H, b = np.zeros((3 * n * D, 3 * n * D)), np.zeros(3 * n * D)
+def _begin(windows, angles, density, D):
+    """Give all unknowns in steady axes, padded (K, 3 n D), and the information of each step of motion (N, 4 D, 4 D)."""
+    x = np.zeros((len(windows.sizes), 3 * D * windows.sizes.max()))
+    motions = np.zeros((len(windows.times), 4 * D, 4 * D))
+    f = 0
+    for k in range(len(windows.sizes)):
+        for j in range(windows.sizes[k]):
+            R = _rotation(_angle(windows, f, angles), D)
+            for p in range(3):
+                x[k, (3 * j + p) * D : (3 * j + p + 1) * D] = R @ windows.state[f, p]
+            if j + 1 < windows.sizes[k]:
+                motions[f] = _motion(windows.times[f + 1] - windows.times[f], density, windows.shakes[f + 1], D)
+            f += 1
+    return x, motions
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, angles, tails, D):
+    """Add what is known of an object to its own system (H, b), to its levers L on the axes, and to theirs (A, a)."""
+    R = _rotation(_angle(windows, frame, angles), D)
+    _add_beginning(H, b, x, R @ windows.rates[k], R @ windows.rate_informations[k] @ R.T, D)
+    for i in range(windows.sizes[k] - 1):
+        _add_motion(H, x, i, motions[frame + i], tails[2], D)
+    for i in range(windows.sizes[k]):
+        _add_offset(H, x, i, windows.offset_sds[frame + i], tails[1], D)
+    for c in range(comparison, comparison + windows.counts[k]):
+        _add_comparison(H, b, L, A, a, x, c, frame, windows, angles, tails[0], D)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _add_beginning(H, b, x, rate_mean, rate_information, D):
+    """Add what is known of the first frame; its place stays where it is."""
     for d in range(D):
-        H[d, d] = ANCHOR
-        b[d] = ANCHOR * start[0, 0, d]
+        H[d, d] += ANCHOR
+        b[d] += ANCHOR * x[d]
         for e in range(D):
-            H[D + d, D + e] = rate_information[d, e]
+            H[D + d, D + e] += rate_information[d, e]
             b[D + d] += rate_information[d, e] * rate_mean[e]
-    return H, b
 
 
 @njit(cache=True, nogil=True)
@@ -128,22 +230,133 @@ def _add_offset(H, x, i, sd, tail, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_comparison(H, b, x, ends, step, information, tail, D):
-    older, newer, off = 3 * D * ends[0], 3 * D * ends[1], np.empty(D)
-    for d in range(D):
-        off[d] = x[newer + d] + x[newer + 2 * D + d] - x[older + d] - x[older + 2 * D + d] - step[d]
-    weight = _weight(tail, D, off @ information @ off)
-    for d in range(D):
-        pull = 0.0
-        for e in range(D):
-            share = weight * information[d, e]
-            pull += share * step[e]
-            for p in range(0, 3 * D, 2 * D):  # place and offset
-                for q in range(0, 3 * D, 2 * D):
-                    H[newer + p + d, newer + q + e] += share
-                    H[older + p + d, older + q + e] += share
-                    H[newer + p + d, older + q + e] -= share
-                    H[older + p + d, newer + q + e] -= share
-        for p in range(0, 3 * D, 2 * D):
-            b[newer + p + d] += pull
-            b[older + p + d] -= pull
+def _add_comparison(H, b, L, A, a, x, c, frame, windows, angles, tail, D):
+    """Add comparison c: x_newer - x_older = R_newer q_newer - R_older q_older, about the present angles."""
+    i, j = frame + windows.ends[c, 0], frame + windows.ends[c, 1]
+    at = np.array([3 * D * windows.ends[c, 1], 3 * D * windows.ends[c, 0]])
+    sign = np.array([1.0, -1.0])
+    R = _rotation(_angle(windows, j, angles), D)
+    ends = np.stack((R @ windows.newers[c], _rotation(_angle(windows, i, angles), D) @ windows.olders[c]))
+    step = ends[0] - ends[1]
+    off = -step
+    for s in range(2):
+        for d in range(D):
+            off[d] += sign[s] * (x[at[s] + d] + x[at[s] + 2 * D + d])
+    information = R @ windows.informations[c] @ R.T
+    information = _weight(tail, D, off @ information @ off) * information
+    _add_step(H, b, at, sign, step, information, D)
+    numbers = np.array([windows.axes[j], windows.axes[i]])
+    if D == 2 and numbers.max() >= 0:
+        _add_levers(L, A, a, numbers, at, sign, ends, step, information)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _add_step(H, b, at, sign, step, information, D):
+    """Add a difference of place plus offset between the frames that begin at `at`."""
+    pull = information @ step
+    for s in range(2):
+        for p in range(0, 3 * D, 2 * D):  # place and offset
+            for d in range(D):
+                b[at[s] + p + d] += sign[s] * pull[d]
+                for t in range(2):
+                    for q in range(0, 3 * D, 2 * D):
+                        for e in range(D):
+                            H[at[s] + p + d, at[t] + q + e] += sign[s] * sign[t] * information[d, e]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _add_levers(L, A, a, numbers, at, sign, ends, step, information):
+    """Add how a comparison's step in steady axes changes with the angles of both frames."""
+    D = 2
+    arms = np.empty((2, D))
+    for s in range(2):
+        arms[s, 0], arms[s, 1] = -sign[s] * ends[s, 1], sign[s] * ends[s, 0]
+    pulls = arms @ information
+    for s in range(2):
+        if numbers[s] < 0:
+            continue
+        a[numbers[s]] -= pulls[s] @ step
+        for t in range(2):
+            if numbers[t] >= 0:
+                A[numbers[s], numbers[t]] += pulls[s] @ arms[t]
+            for p in range(0, 3 * D, 2 * D):
+                for d in range(D):
+                    L[at[t] + p + d, numbers[s]] -= sign[t] * pulls[s, d]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _of_turns(axes, angles, rates):
+    """Give the system of changes of the axes' angles and rates, from what is known of these alone."""
+    G = len(axes.times)
+    A, a = np.zeros((2 * G, 2 * G)), np.zeros(2 * G)
+    A[0, 0] = FIXED
+    A[G, G] = 1.0 / axes.first_rate[1]
+    a[G] = (axes.first_rate[0] - rates[0]) / axes.first_rate[1]
+    u, at = np.empty(4), np.empty(4, np.int64)
+    for g in range(G - 1):
+        motion = _motion(axes.times[g + 1] - axes.times[g], axes.density, np.zeros((1, 1)), 1)
+        at[0], at[1], at[2], at[3] = g, G + g, g + 1, G + g + 1
+        u[0], u[1], u[2], u[3] = angles[g], rates[g], angles[g + 1], rates[g + 1]
+        pull = motion @ u
+        weight = _weight(TURN_TAILS[1], 2, u @ pull)
+        for p in range(4):
+            a[at[p]] -= weight * pull[p]
+            for q in range(4):
+                A[at[p], at[q]] += weight * motion[p, q]
+    for h in range(len(axes.heard)):
+        i, j = int(axes.heard[h, 0]), int(axes.heard[h, 1])
+        off = axes.heard[h, 2] - (angles[j] - angles[i])
+        weight = _weight(TURN_TAILS[0], 1, off**2 * axes.heard[h, 3]) * axes.heard[h, 3]
+        a[j] += weight * off
+        a[i] -= weight * off
+        A[i, i] += weight
+        A[j, j] += weight
+        A[i, j] -= weight
+        A[j, i] -= weight
+    return A, a
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _angle(windows, frame, angles):
+    return angles[windows.axes[frame]] if windows.axes[frame] >= 0 else windows.angles[frame]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _rotation(angle, D):
+    R = np.eye(D)
+    if D == 2:
+        c, s = np.cos(angle), np.sin(angle)
+        R[0, 0], R[0, 1], R[1, 0], R[1, 1] = c, -s, s, c
+    return R
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _in_own_axes(x, covariances, levers, common, windows, angles, D):
+    """Turn unknowns back to the axes of their frames, and covariances too, in place, with what the axes add to them."""
+    state = np.zeros(windows.state.shape)
+    frame = 0
+    for k in range(len(windows.sizes)):
+        m = 3 * D * windows.sizes[k]
+        turn, lever = np.zeros((m, m)), levers[k, :m].copy()
+        for j in range(windows.sizes[k]):
+            R = _rotation(-_angle(windows, frame, angles), D)
+            for p in range(3):
+                at = (3 * j + p) * D
+                turn[at : at + D, at : at + D] = R
+                state[frame, p] = R @ x[k, at : at + D]
+            frame += 1
+        lever = turn @ lever
+        for j in range(windows.sizes[k]):
+            f = frame - windows.sizes[k] + j
+            if D == 2 and windows.axes[f] >= 0:
+                lever[3 * j * D, windows.axes[f]] += state[f, 0, 1]
+                lever[3 * j * D + 1, windows.axes[f]] -= state[f, 0, 0]
+        own = turn @ np.ascontiguousarray(covariances[k, :m, :m]) @ turn.T
+        covariances[k, :m, :m] = own + lever @ common @ lever.T
+    return state

@@ -1,0 +1,107 @@
+"""How the axes turn that objects are seen in: what all objects of a frame have in common."""
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+RATE_SD = 0.2  # of the ego's rate of turn before anything is known [rad/s]
+# White noise of its change [rad^2/s^3]: 0.3 rad/s^2 for a tenth of a second.
+DENSITY = 0.01
+# Of an object's own rate of turn [rad/s]: most go straight, some turn.  Twice what cars do, since all comparisons of
+# one object share it.
+OWN_TURN_SD = 0.3
+SHORTEST_STEP = 0.01  # [s]
+MOST_KEPT = 100  # frames whose angles are remembered, for objects that nothing was seen of in between
+
+
+class Heading:
+    """The sensor's axes against axes that do not turn; or axes that never turn, as the world's.
+
+    Seen from a sensor that turns, everything turns the other way, and far objects swing sideways with accelerations
+    that no motion model has room for.  Steady axes need not be right in the long run, only smooth: a slow drift of
+    theirs is a slow drift of all velocities, and is undone when these are given in the sensor's axes again.
+
+    Attributes:
+        turns: whether the axes turn at all.
+        first_kept: number of the first frame that is remembered.
+        times: of the frames from that on [s].
+        angles, rates: of the axes at each [rad, rad/s].
+        heard: of the open frames: numbers of an older and a newer one, by how much the axes turned between them as
+            one object tells [rad], and the information of that [1/rad^2].
+    """
+
+    def __init__(self, turns: bool, n_frames: int) -> None:
+        """Start with no frames; the latest `n_frames` stay open to what is heard of them, those before are fixed."""
+        self.turns = turns
+        self.first_kept = 0
+        self.times: list[float] = []
+        self.angles: list[float] = []
+        self.rates: list[float] = []
+        self.heard: list[tuple[int, int, float, float]] = []
+        self._n_frames = n_frames
+        self._known: list[tuple[float, float]] = []  # rate of turn at each frame, known at its own time, and variance
+
+    @property
+    def latest(self) -> int:
+        """Number of the latest frame, from 0."""
+        return self.first_kept + len(self.times) - 1
+
+    @property
+    def first(self) -> int:
+        """Number of the first frame that is still open; axes that never turn have none."""
+        return max(self.latest + 1 - self._n_frames, self.first_kept) if self.turns else self.latest + 1
+
+    @property
+    def first_rate(self) -> tuple[float, float]:
+        """The rate of turn at the first open frame, as it was known at its own time, and its variance."""
+        return self._known[self.first - self.first_kept] if self.turns else (0.0, RATE_SD**2)
+
+    def angles_at(self, numbers: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        """Give the angles of frames [rad]; of ones that are forgotten, the oldest that is known."""
+        return np.array(self.angles)[np.maximum(numbers - self.first_kept, 0)]
+
+    def turn_since(self, number: int) -> float:
+        """Say by how much the axes turned from a frame to the latest [rad]."""
+        return self.angles[-1] - self.angles[max(number - self.first_kept, 0)]
+
+    def advance(self, time: float) -> None:
+        """Begin a frame, and expect the axes to have gone on turning as they did."""
+        if not self.times:
+            self.times, self.angles, self.rates, self._known = [time], [0.0], [0.0], [(0.0, RATE_SD**2)]
+            return
+        dt = max(time - self.times[-1], SHORTEST_STEP)
+        mean, variance = self._known[-1]
+        self.times.append(self.times[-1] + dt)
+        self.angles.append(self.angles[-1] + dt * self.rates[-1])
+        self.rates.append(self.rates[-1])
+        self._known.append((mean, variance + DENSITY * dt))
+        if len(self.times) > MOST_KEPT:
+            self.first_kept += 1
+            for series in (self.times, self.angles, self.rates, self._known):
+                del series[0]
+        self.heard = [heard for heard in self.heard if heard[0] >= self.first]
+
+    def step_variance(self) -> float:
+        """Give the variance of the turn that was expected of the latest frame [rad^2]."""
+        if not self.turns or len(self.times) == 1:
+            return 0.0
+        dt = self.times[-1] - self.times[-2]
+        return dt**2 * self._known[-1][1] + DENSITY * dt**3 / 3.0
+
+    def hear(self, older: int, turn: float, variance: float) -> None:
+        """Hear how an object seems to have turned from an older frame to the latest, in the axes of each.
+
+        Args:
+            older: its number.
+            turn: [rad].
+            variance: of its measurement [rad^2].
+        """
+        if older >= self.first:
+            own = OWN_TURN_SD * (self.times[-1] - self.times[older - self.first_kept])
+            self.heard.append((older, self.latest, -turn, 1.0 / (variance + own**2)))
+
+    def settle(self, angles: Float64[np.ndarray, " n"], rates: Float64[np.ndarray, " n"], rate_variance: float) -> None:
+        """Take what was found out about the open frames; the variance is that of the latest rate."""
+        if self.turns:
+            first = self.first - self.first_kept
+            self.angles[first:], self.rates[first:] = angles.tolist(), rates.tolist()
+            self._known[-1] = (self.rates[-1], rate_variance)
