@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from registration import planar
-from registration.types import RegistrationResult
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.sources import (
     Evidence,
     Expected,
+    Laid,
     Learned,
     Look,
     Shape,
@@ -159,9 +159,8 @@ class FusedEstimator(FrameEstimator):
         self._begin_frame(sightings)
         for key, track in known.items():
             self._advance(track, sightings[key])
-        is_measured = self._first_comparisons(known, new, sightings)
-        for lag in self.settings.shape_lags[1:]:
-            self._compare_further(known, new, sightings, lag)
+        is_known = self._ask(known, new)
+        is_laid = self._compare_shapes(known, new)
         solve([track.turn for track in known.values()], self._steady)
         for key, track in known.items():
             track.looks.append(new[key])
@@ -169,7 +168,7 @@ class FusedEstimator(FrameEstimator):
                 track.refer_to_center()
         self._start_tracks(sightings, new)
         may_stand = self.settings.knows_parked and next(iter(sightings.values())).in_world
-        return {key: _measurement(track, is_measured[key], may_stand) for key, track in known.items()}
+        return {key: _measurement(track, key in is_known or key in is_laid, may_stand) for key, track in known.items()}
 
     def _begin_frame(self, sightings: Mapping[int, Sighting]) -> None:
         """Go on with the axes if any object does; else begin them anew."""
@@ -181,27 +180,6 @@ class FusedEstimator(FrameEstimator):
             self._axes = Heading(turns=True, n_frames=n_frames) if turns else self._steady
         for axes in {id(axes): axes for axes in (self._steady, self._axes)}.values():
             axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
-
-    def _first_comparisons(
-        self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting]
-    ) -> dict[int, bool]:
-        """Compare with the last look by shape, and by the network; say whether anything was found of each object."""
-        first = self.settings.shape_lags[0] if self.settings.shape_lags else 0
-        steps = self._compare_shapes(known, new, sightings, first) if first else {}
-        opinions = self._ask(known, new)
-        for key, track in known.items():
-            _hear(track, {first: steps[key]} if key in steps else {}, self._axes)
-            _hear(track, self._of_network(opinions[key], track, new[key]), self._axes)
-        solve([track.place for track in known.values()], self._axes)
-        return {key: key in steps or bool(opinions[key]) for key in known}
-
-    def _compare_further(
-        self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting], lag: int
-    ) -> None:
-        """Compare with an earlier look by shape, from where the last comparisons say that the object is."""
-        for key, evidence in self._compare_shapes(known, new, sightings, lag).items():
-            _hear(known[key], {lag: evidence}, self._axes)
-        solve([track.place for track in known.values()], self._axes)
 
     def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
         seen = list(sightings.values())
@@ -227,28 +205,50 @@ class FusedEstimator(FrameEstimator):
         near = own.offset_near / max(sighting.range_m, 1.0) ** 2
         return float(np.linalg.norm([own.offset_floor, own.offset_sampling / n**0.5, own.offset_single / n, near]))
 
-    def _compare_shapes(
-        self, known: Mapping[int, _Track], new: Mapping[int, Look], sightings: Mapping[int, Sighting], lag: int
-    ) -> dict[int, Evidence]:
-        """Lay the looks of `lag` frames ago on the new ones, where there are any."""
-        keys = [key for key, track in known.items() if len(track.looks) >= lag]
-        evidence = self._shape.compare(
-            [known[key].looks[-lag].points for key in keys],
-            [new[key].points for key in keys],
-            [sightings[key].sensor for key in keys],
-            [known[key].place.seen(-1 - lag) for key in keys],
-            [self._expected(known[key], new[key], lag) for key in keys],
-        )
-        return {
-            key: e.doubted(self.settings.shape_changed * _changed(known[key], lag, new[key]))
-            for key, e in zip(keys, evidence, strict=True)
-        }
+    def _ask(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> set[int]:
+        """Hear the network's opinion of each object; say of which it has one."""
+        own, told = self.settings, set()
+        jobs = [(key, lag) for key, track in known.items() for lag in own.learned_lags if lag <= len(track.looks)]
+        answers = self._learned.ask([(known[key].looks[-lag], new[key].learned) for key, lag in jobs])
+        for (key, lag), answer in zip(jobs, answers, strict=True):
+            if answer is not None:
+                track = known[key]
+                doubt = own.learned_changed * _changed(track, lag, new[key])
+                _hear(
+                    track,
+                    lag,
+                    evidence_of_network(answer, track.looks[-lag], new[key], track.place.seen(-1 - lag)).doubted(doubt),
+                    self._axes,
+                )
+                told.add(key)
+        solve([known[key].place for key in told], self._axes)
+        return told
+
+    def _compare_shapes(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> set[int]:
+        """Lay earlier looks on the new ones; say which objects have any."""
+        own, keys = self.settings, list(known)
+        jobs = [(i, lag) for i, key in enumerate(keys) for lag in own.shape_lags if lag <= len(known[key].looks)]
+        pairs = [
+            Laid(
+                known[keys[i]].looks[-lag].points,
+                i,
+                known[keys[i]].place.seen(-1 - lag),
+                self._expected(known[keys[i]], new[keys[i]], lag),
+            )
+            for i, lag in jobs
+        ]
+        evidence = self._shape.compare(pairs, [new[key] for key in keys])
+        for (i, lag), e in zip(jobs, evidence, strict=True):
+            track = known[keys[i]]
+            _hear(track, lag, e.doubted(own.shape_changed * _changed(track, lag, new[keys[i]])), self._axes)
+        solve([track.place for track in known.values()], self._axes)
+        return {keys[i] for i, _ in jobs}
 
     def _expected(self, track: _Track, new: Look, lag: int) -> Expected:
         older = -1 - lag
         place = track.place.seen(older)
         turn = float(track.turn.state[-1, 0, 0] - track.turn.state[older, 0, 0])
-        if len(track.place) == 2:
+        if not track.place.comparisons:
             shift, covariance = (new.points.mean(axis=0) - track.looks[-1].points.mean(axis=0))[:2], None
             doubt = FIRST_TURN_SD**2
         else:
@@ -264,24 +264,6 @@ class FusedEstimator(FrameEstimator):
         """Give the covariance of where an object is that the axes' own turn adds [m^2]."""
         x, y = track.place.seen(-1)
         return self._axes.step_variance() * np.array([[y * y, -x * y], [-x * y, x * x]])
-
-    def _ask(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> dict[int, dict[int, RegistrationResult]]:
-        """Give the network's opinion of each object, by lag."""
-        jobs = [(k, lag) for k, track in known.items() for lag in self.settings.learned_lags if lag <= len(track.looks)]
-        answers = self._learned.ask([(known[key].looks[-lag], new[key].learned) for key, lag in jobs])
-        opinions: dict[int, dict[int, RegistrationResult]] = {key: {} for key in known}
-        for (key, lag), answer in zip(jobs, answers, strict=True):
-            if answer is not None:
-                opinions[key][lag] = answer
-        return opinions
-
-    def _of_network(self, opinions: Mapping[int, RegistrationResult], track: _Track, new: Look) -> dict[int, Evidence]:
-        """Read the network's opinions of an object, by lag."""
-        own, found = self.settings, {}
-        for lag, answer in opinions.items():
-            evidence = evidence_of_network(answer, track.looks[-lag], new, track.place.seen(-1 - lag))
-            found[lag] = evidence.doubted(own.learned_changed * _changed(track, lag, new))
-        return found
 
     def _start_tracks(self, sightings: Mapping[int, Sighting], new: Mapping[int, Look]) -> None:
         own = self.settings
@@ -307,17 +289,17 @@ def _changed(track: _Track, lag: int, new: Look) -> float:
     return (1.0 - min(before, now) / max(before, now)) ** 2
 
 
-def _hear(track: _Track, evidence: Mapping[int, Evidence], axes: Heading) -> None:
-    """Take evidence about an object into account, by lag."""
+def _hear(track: _Track, lag: int, evidence: Evidence, axes: Heading) -> None:
+    """Take evidence about an object into account."""
     newest = len(track.place) - 1
-    for lag, e in evidence.items():
-        if newest == 1:
-            track.place.place_last(track.place.seen(0) + e.step)
-        track.place.compare(Comparison(newest - lag, newest, track.place.seen(newest - lag), e.step, e.information))
-        if np.isfinite(e.turn_variance):
-            turn_information = np.array([[1.0 / e.turn_variance]])
-            track.turn.compare(Comparison(newest - lag, newest, np.zeros(1), np.array([e.turn]), turn_information))
-            axes.hear(track.place.axes[newest - lag], e.turn, e.turn_variance)
+    older = newest - lag
+    if newest == 1:
+        track.place.place_last(track.place.seen(0) + evidence.step)
+    track.place.compare(Comparison(older, newest, track.place.seen(older), evidence.step, evidence.information))
+    if np.isfinite(evidence.turn_variance):
+        turn, information = np.array([evidence.turn]), np.array([[1.0 / evidence.turn_variance]])
+        track.turn.compare(Comparison(older, newest, np.zeros(1), turn, information))
+        axes.hear(track.place.axes[older], evidence.turn, evidence.turn_variance)
 
 
 def _measurement(track: _Track, is_measured: bool, may_stand: bool) -> Measurement:

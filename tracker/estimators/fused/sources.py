@@ -1,6 +1,6 @@
 """Where evidence of an object's motion comes from: its shape, laid on itself, and the network's opinion."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -84,6 +84,23 @@ class Expected:
     turn_variance: float
 
 
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """An earlier look that is to be laid on a newer one.
+
+    Attributes:
+        earlier: its points [m].
+        newer: number of the newer one.
+        place: of the object's reference point in the earlier one (2) [m].
+        expected: motion.
+    """
+
+    earlier: Points
+    newer: int
+    place: Vector
+    expected: Expected
+
+
 class Shape:
     """Lay earlier points on the newer ones: annealed histograms find the place, point-to-plane ICP the rest.
 
@@ -97,33 +114,23 @@ class Shape:
         self._search = AnnealedHistograms3D()
         self._planes = PointToPlaneICP(independent_pairs=200.0)
 
-    def compare(
-        self,
-        earlier: Sequence[Points],
-        newer: Sequence[Points],
-        sensors: Sequence[Vector2],
-        places: Sequence[Vector],
-        expected: Sequence[Expected],
-    ) -> list[Evidence]:
-        """Compare many pairs at once.
-
-        Args:
-            earlier, newer: points of both looks.
-            sensors: where the newer ones were seen from.
-            places: of the reference point in the earlier looks.
-            expected: motions.
-        """
-        if not earlier:
+    def compare(self, laid: Sequence[Laid], newer: Sequence[Look]) -> list[Evidence]:
+        """Lay many earlier looks on newer ones at once; several may be laid on the same one."""
+        if not laid:
             return []
-        moved = [se3.transform(e.T, points) for e, points in zip(expected, earlier, strict=True)]
-        priors = [_prior(e, a, b) for e, a, b in zip(expected, moved, newer, strict=True)]
-        found = self._search.align(_paired(self._search.prepare, moved, newer, sensors), priors)
-        beliefs = [_belief(result, e.turn_variance) for result, e in zip(found, expected, strict=True)]
-        sources, targets = ([thinned(cloud, SHAPE_POINTS) for cloud in clouds] for clouds in (moved, newer))
-        refined = self._planes.align(_paired(self._planes.prepare, sources, targets), beliefs)
+        moved = [se3.transform(job.expected.T, job.earlier) for job in laid]
+        targets = [newer[job.newer] for job in laid]
+        priors = [_prior(job.expected, a, b.points) for job, a, b in zip(laid, moved, targets, strict=True)]
+        surroundings = self._search.prepare([look.points for look in newer], [look.sensor for look in newer])
+        sources = self._search.prepare(moved, [look.sensor for look in targets])
+        found = self._search.align([(a, surroundings[job.newer]) for a, job in zip(sources, laid, strict=True)], priors)
+        beliefs = [_belief(result, job.expected.turn_variance) for result, job in zip(found, laid, strict=True)]
+        surfaces = self._planes.prepare([thinned(look.points, SHAPE_POINTS) for look in newer])
+        sources = self._planes.prepare([thinned(cloud, SHAPE_POINTS) for cloud in moved])
+        refined = self._planes.align([(a, surfaces[job.newer]) for a, job in zip(sources, laid, strict=True)], beliefs)
         return [
-            _evidence_of_shape(before, after, e, place, min(len(a), len(b)))
-            for before, after, e, place, a, b in zip(found, refined, expected, places, moved, newer, strict=True)
+            _evidence_of_shape(before, after, job, min(len(cloud), len(look.points)))
+            for before, after, job, cloud, look in zip(found, refined, laid, moved, targets, strict=True)
         ]
 
 
@@ -171,16 +178,8 @@ def _belief(found: RegistrationResult, turn_variance: float) -> MotionPrior:
     return MotionPrior(found.motion_about(found.source_centroid), covariance)
 
 
-def _paired(
-    prepare: Callable[..., list[Any]], sources: Sequence[Points], targets: Sequence[Points], *seen_from: Any
-) -> list[tuple[Any, Any]]:
-    """Prepare both clouds of each pair, as seen from the same place where that matters."""
-    return list(zip(prepare(sources, *seen_from), prepare(targets, *seen_from), strict=True))
-
-
-def _evidence_of_shape(
-    before: RegistrationResult, after: RegistrationResult, expected: Expected, place: Vector, n_points: int
-) -> Evidence:
+def _evidence_of_shape(before: RegistrationResult, after: RegistrationResult, laid: Laid, n_points: int) -> Evidence:
+    expected, place = laid.expected, laid.place
     is_refined = after.n_pairs > 0 and after.status in (Status.CONVERGED, Status.NOT_CONVERGED)
     result = after if is_refined else before
     at = _moved(expected.T, place)
