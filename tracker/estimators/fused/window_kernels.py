@@ -99,21 +99,23 @@ def solve(windows, axes, density, tails):
     angles, rates = axes.angles.copy(), axes.rates.copy()
     x, motions = _begin(windows, angles, density, D)
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
+    x_alone, levers = b.copy(), L.copy()
     common = np.zeros((2 * G, 2 * G))
     for iteration in range(MOST_ITERATIONS):
         A, a = _of_turns(axes, angles, rates)
+        rotations = _rotations(windows, angles, D)
         frame = comparison = 0
         for k in range(K):
             m = 3 * D * windows.sizes[k]
             H[k], b[k], L[k] = 0.0, 0.0, 0.0
-            _add_object(H[k], b[k], L[k], A, a, x[k], k, frame, comparison, windows, motions, angles, tails, D)
-            inverse = np.linalg.inv(np.ascontiguousarray(H[k, :m, :m]))
-            H[k, :m, :m] = inverse
-            lever = L[k, :m].copy()
-            b[k, :m] = inverse @ b[k, :m]
-            L[k, :m] = -(inverse @ lever)
-            A[:G, :G] += lever.T @ np.ascontiguousarray(L[k, :m])
-            a[:G] -= lever.T @ b[k, :m]
+            _add_object(H[k], b[k], L[k], A, a, x[k], k, frame, comparison, windows, motions, rotations, tails, D)
+            right = np.empty((m, G + 1))
+            right[:, 0], right[:, 1:] = b[k, :m], L[k, :m]
+            found = np.linalg.solve(H[k, :m, :m], right)
+            x_alone[k, :m], levers[k, :m] = found[:, 0], -found[:, 1:]
+            reduced = L[k, :m].T @ found
+            A[:G, :G] -= reduced[:, 1:]
+            a[:G] -= reduced[:, 0]
             frame, comparison = frame + windows.sizes[k], comparison + windows.counts[k]
         common = np.linalg.inv(A)
         # the last step leaves the axes where they are: places and axes must fit each other
@@ -121,12 +123,12 @@ def solve(windows, axes, density, tails):
         angles, rates = angles + step[:G], rates + step[G:]
         change = 0.0
         for k in range(K):
-            found = b[k] + L[k] @ step[:G]
+            found = x_alone[k] + levers[k] @ step[:G]
             change = max(change, np.abs(found - x[k]).max())
             x[k] = found
         if change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
             break
-    state = _in_own_axes(x, H, L, common[:G, :G].copy(), windows, angles, D)
+    state = _in_own_axes(x, H, levers, common[:G, :G].copy(), windows, angles, D)
     return state, H, angles, rates, common[2 * G - 1, 2 * G - 1]
 
 
@@ -136,12 +138,11 @@ def _begin(windows, angles, density, D):
     """Give all unknowns in steady axes, padded (K, 3 n D), and the information of each step of motion (N, 4 D, 4 D)."""
     x = np.zeros((len(windows.sizes), 3 * D * windows.sizes.max()))
     motions = np.zeros((len(windows.times), 4 * D, 4 * D))
-    f = 0
+    rotations, f = _rotations(windows, angles, D), 0
     for k in range(len(windows.sizes)):
         for j in range(windows.sizes[k]):
-            R = _rotation(_angle(windows, f, angles), D)
             for p in range(3):
-                x[k, (3 * j + p) * D : (3 * j + p + 1) * D] = R @ windows.state[f, p]
+                x[k, (3 * j + p) * D : (3 * j + p + 1) * D] = rotations[f] @ windows.state[f, p]
             if j + 1 < windows.sizes[k]:
                 motions[f] = _motion(windows.times[f + 1] - windows.times[f], density, windows.shakes[f + 1], D)
             f += 1
@@ -150,16 +151,16 @@ def _begin(windows, angles, density, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, angles, tails, D):
+def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, rotations, tails, D):
     """Add what is known of an object to its own system (H, b), to its levers L on the axes, and to theirs (A, a)."""
-    R = _rotation(_angle(windows, frame, angles), D)
+    R = rotations[frame]
     _add_beginning(H, b, x, R @ windows.rates[k], R @ windows.rate_informations[k] @ R.T, D)
     for i in range(windows.sizes[k] - 1):
         _add_motion(H, x, i, motions[frame + i], tails[2], D)
     for i in range(windows.sizes[k]):
         _add_offset(H, x, i, windows.offset_sds[frame + i], tails[1], D)
     for c in range(comparison, comparison + windows.counts[k]):
-        _add_comparison(H, b, L, A, a, x, c, frame, windows, angles, tails[0], D)
+        _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tails[0], D)
 
 
 @njit(cache=True, nogil=True)
@@ -230,60 +231,71 @@ def _add_offset(H, x, i, sd, tail, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_comparison(H, b, L, A, a, x, c, frame, windows, angles, tail, D):
+def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, D):
     """Add comparison c: x_newer - x_older = R_newer q_newer - R_older q_older, about the present angles."""
     i, j = frame + windows.ends[c, 0], frame + windows.ends[c, 1]
-    at = np.array([3 * D * windows.ends[c, 1], 3 * D * windows.ends[c, 0]])
-    sign = np.array([1.0, -1.0])
-    R = _rotation(_angle(windows, j, angles), D)
-    ends = np.stack((R @ windows.newers[c], _rotation(_angle(windows, i, angles), D) @ windows.olders[c]))
-    step = ends[0] - ends[1]
-    off = -step
-    for s in range(2):
-        for d in range(D):
-            off[d] += sign[s] * (x[at[s] + d] + x[at[s] + 2 * D + d])
-    information = R @ windows.informations[c] @ R.T
-    information = _weight(tail, D, off @ information @ off) * information
-    _add_step(H, b, at, sign, step, information, D)
-    numbers = np.array([windows.axes[j], windows.axes[i]])
-    if D == 2 and numbers.max() >= 0:
-        _add_levers(L, A, a, numbers, at, sign, ends, step, information)
+    older, newer = 3 * D * windows.ends[c, 0], 3 * D * windows.ends[c, 1]
+    Ri, Rj = rotations[i], rotations[j]
+    ends, step, off, information = np.zeros((2, D)), np.empty(D), np.empty(D), np.zeros((D, D))
+    for d in range(D):
+        for e in range(D):
+            ends[0, d] += Rj[d, e] * windows.newers[c, e]
+            ends[1, d] += Ri[d, e] * windows.olders[c, e]
+            for p in range(D):
+                for q in range(D):
+                    information[d, e] += Rj[d, p] * windows.informations[c, p, q] * Rj[e, q]
+        step[d] = ends[0, d] - ends[1, d]
+        off[d] = x[newer + d] + x[newer + 2 * D + d] - x[older + d] - x[older + 2 * D + d] - step[d]
+    distance = 0.0
+    for d in range(D):
+        for e in range(D):
+            distance += off[d] * information[d, e] * off[e]
+    information *= _weight(tail, D, distance)
+    _add_step(H, b, older, newer, step, information, D)
+    if D > 1 and max(windows.axes[i], windows.axes[j]) >= 0:
+        _add_lever(L, A, a, (windows.axes[j], windows.axes[i]), (newer, older), ends, step, information)
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_step(H, b, at, sign, step, information, D):
-    """Add a difference of place plus offset between the frames that begin at `at`."""
-    pull = information @ step
-    for s in range(2):
-        for p in range(0, 3 * D, 2 * D):  # place and offset
-            for d in range(D):
-                b[at[s] + p + d] += sign[s] * pull[d]
-                for t in range(2):
-                    for q in range(0, 3 * D, 2 * D):
-                        for e in range(D):
-                            H[at[s] + p + d, at[t] + q + e] += sign[s] * sign[t] * information[d, e]
+def _add_step(H, b, older, newer, step, information, D):
+    """Add a difference of place plus offset between the frames that begin at `older` and `newer`."""
+    for d in range(D):
+        pull = 0.0
+        for e in range(D):
+            share = information[d, e]
+            pull += share * step[e]
+            for p in range(0, 3 * D, 2 * D):  # place and offset
+                for q in range(0, 3 * D, 2 * D):
+                    H[newer + p + d, newer + q + e] += share
+                    H[older + p + d, older + q + e] += share
+                    H[newer + p + d, older + q + e] -= share
+                    H[older + p + d, newer + q + e] -= share
+        for p in range(0, 3 * D, 2 * D):
+            b[newer + p + d] += pull
+            b[older + p + d] -= pull
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_levers(L, A, a, numbers, at, sign, ends, step, information):
+def _add_lever(L, A, a, numbers, at, ends, step, information):
     """Add how a comparison's step in steady axes changes with the angles of both frames."""
-    D = 2
-    arms = np.empty((2, D))
+    pulls = np.zeros((2, 2))
     for s in range(2):
-        arms[s, 0], arms[s, 1] = -sign[s] * ends[s, 1], sign[s] * ends[s, 0]
-    pulls = arms @ information
+        sign = 1.0 - 2.0 * s
+        for d in range(2):
+            pulls[s, d] = sign * (information[d, 1] * ends[s, 0] - information[d, 0] * ends[s, 1])
     for s in range(2):
         if numbers[s] < 0:
             continue
-        a[numbers[s]] -= pulls[s] @ step
+        a[numbers[s]] -= pulls[s, 0] * step[0] + pulls[s, 1] * step[1]
         for t in range(2):
+            sign = 1.0 - 2.0 * t
             if numbers[t] >= 0:
-                A[numbers[s], numbers[t]] += pulls[s] @ arms[t]
-            for p in range(0, 3 * D, 2 * D):
-                for d in range(D):
-                    L[at[t] + p + d, numbers[s]] -= sign[t] * pulls[s, d]
+                A[numbers[s], numbers[t]] += sign * (pulls[s, 1] * ends[t, 0] - pulls[s, 0] * ends[t, 1])
+            for p in range(0, 6, 4):  # place and offset
+                for d in range(2):
+                    L[at[t] + p + d, numbers[s]] -= sign * pulls[s, d]
 
 
 @njit(cache=True, nogil=True)
@@ -321,31 +333,28 @@ def _of_turns(axes, angles, rates):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _angle(windows, frame, angles):
-    return angles[windows.axes[frame]] if windows.axes[frame] >= 0 else windows.angles[frame]
+def _rotations(windows, angles, D):
+    """Turn each frame's axes to the steady ones (N, D, D); a turn itself is no vector, and needs none."""
+    rotations = np.ones((len(windows.times), D, D))
+    if D > 1:
+        for f in range(len(windows.times)):
+            angle = angles[windows.axes[f]] if windows.axes[f] >= 0 else windows.angles[f]
+            c, s = np.cos(angle), np.sin(angle)
+            rotations[f] = np.array([[c, -s], [s, c]])
+    return rotations
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _rotation(angle, D):
-    R = np.eye(D)
-    if D == 2:
-        c, s = np.cos(angle), np.sin(angle)
-        R[0, 0], R[0, 1], R[1, 0], R[1, 1] = c, -s, s, c
-    return R
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _in_own_axes(x, covariances, levers, common, windows, angles, D):
-    """Turn unknowns back to the axes of their frames, and covariances too, in place, with what the axes add to them."""
-    state = np.zeros(windows.state.shape)
+def _in_own_axes(x, H, levers, common, windows, angles, D):
+    """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H."""
+    state, rotations = np.zeros(windows.state.shape), _rotations(windows, angles, D)
     frame = 0
     for k in range(len(windows.sizes)):
         m = 3 * D * windows.sizes[k]
         turn, lever = np.zeros((m, m)), levers[k, :m].copy()
         for j in range(windows.sizes[k]):
-            R = _rotation(-_angle(windows, frame, angles), D)
+            R = rotations[frame].T
             for p in range(3):
                 at = (3 * j + p) * D
                 turn[at : at + D, at : at + D] = R
@@ -357,6 +366,6 @@ def _in_own_axes(x, covariances, levers, common, windows, angles, D):
             if D == 2 and windows.axes[f] >= 0:
                 lever[3 * j * D, windows.axes[f]] += state[f, 0, 1]
                 lever[3 * j * D + 1, windows.axes[f]] -= state[f, 0, 0]
-        own = turn @ np.ascontiguousarray(covariances[k, :m, :m]) @ turn.T
-        covariances[k, :m, :m] = own + lever @ common @ lever.T
+        own = turn @ np.linalg.inv(H[k, :m, :m].copy()) @ turn.T
+        H[k, :m, :m] = own + lever @ common @ lever.T
     return state
