@@ -10,8 +10,8 @@ from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.fused import parked
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.sources import Expected, Shape
-from tracker.estimators.fused.window import Comparison, MotionModel, Window, solve
+from tracker.estimators.fused.sources import Expected, Laid, Look, Shape
+from tracker.estimators.fused.window import MotionModel, Window, solve
 from tracker.types import EstimateStatus
 
 MODEL = MotionModel(density=1.0, rate_sd=30.0, n_frames=9)
@@ -31,10 +31,7 @@ def window_of(velocity, n=6, wrong=None, dt=0.1, offset_sd=0.01, tails=(4.0, 3.0
         for lag in (1, 2):
             if k >= lag:
                 off = np.zeros(2) if wrong is None or k not in wrong else np.asarray(wrong[k])
-                newest = len(window) - 1
-                window.compare(
-                    Comparison(newest - lag, newest, np.zeros(2), velocity * lag * dt + off, np.eye(2) / 0.02**2)
-                )
+                window.compare(lag, np.zeros(2), velocity * lag * dt + off, np.eye(2) / 0.02**2)
         solve([window], axes)
     return window
 
@@ -60,8 +57,8 @@ def test_a_window_knows_no_more_than_its_last_frames():
     assert len(window) == 9
     assert window.state.shape == (9, 3, 2)
     assert window.covariance.shape == (54, 54)
-    assert max(c.newer for c in window.comparisons) == 8
-    assert min(c.older for c in window.comparisons) == 0
+    assert max(c.newer for c in window.comparisons) - window.n_left == 8
+    assert min(c.older for c in window.comparisons) - window.n_left == 0
 
 
 def test_the_difference_of_two_frames_is_what_the_joint_covariance_says():
@@ -89,8 +86,7 @@ def test_objects_tell_together_how_their_axes_turn():
             continue
         for window, old, place in zip(windows, before, seen, strict=True):
             window.advance(0.1 * k, axes)
-            newest = len(window) - 1
-            window.compare(Comparison(newest - 1, newest, old, place - old, np.eye(2) / 0.01**2))
+            window.compare(1, old, place - old, np.eye(2) / 0.01**2)
         solve(windows, axes)
         before = seen
     old = (starts + 0.1 * (k - 1) * velocities) @ planar.rotation(angles[-2])
@@ -102,7 +98,7 @@ def test_objects_tell_together_how_their_axes_turn():
 def test_a_comparison_without_information_is_left_out():
     window = window_of([1.0, 0.0], 3)
     n = len(window.comparisons)
-    window.compare(Comparison(0, 2, np.zeros(2), np.zeros(2), np.zeros((2, 2))))
+    window.compare(2, np.zeros(2), np.zeros(2), np.zeros((2, 2)))
     assert len(window.comparisons) == n
 
 
@@ -111,7 +107,8 @@ def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     place = cloud.mean(axis=0)[:2]
     motion = planar.to_transform(np.array([0.8, 0.1, 0.02]), np.array([*place, 0.0]))
     expected = Expected(planar.to_transform(np.array([0.7, 0.1, 0.0]), np.zeros(3)), 0.3**2 * np.eye(2), 0.05**2)
-    (found,) = Shape().compare([cloud], [se3.transform(motion, cloud)], [np.zeros(2)], [place], [expected])
+    newer = Look(se3.transform(motion, cloud), len(cloud), np.zeros(2), None, None, 1)
+    (found,) = Shape().compare([Laid(cloud, 0, place, expected)], [newer])
     np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
     assert found.turn == pytest.approx(0.02, abs=0.01)
     assert np.linalg.eigvalsh(found.information).min() >= 0.0
@@ -124,7 +121,7 @@ def test_what_stands_is_taken_to_stand_and_what_rolls_is_not():
 
 
 def test_a_mixture_is_as_unsure_as_its_parts_differ():
-    velocity, covariance = parked.mixed(np.array([2.0, 0.0]), 0.01 * np.eye(2), 0.5)
+    (velocity,), (covariance,) = parked.mixed(np.array([[2.0, 0.0]]), 0.01 * np.eye(2)[None], 0.5)
     np.testing.assert_allclose(velocity, [1.0, 0.0])
     assert covariance[0, 0] > 1.0
     assert covariance[1, 1] < 0.01

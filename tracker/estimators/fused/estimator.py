@@ -10,7 +10,6 @@ from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.sources import (
-    Evidence,
     Expected,
     Laid,
     Learned,
@@ -19,17 +18,13 @@ from tracker.estimators.fused.sources import (
     evidence_of_network,
     thinned,
 )
-from tracker.estimators.fused.window import Comparison, MotionModel, Square, Vector, Window, solve
+from tracker.estimators.fused.track import Track
+from tracker.estimators.fused.window import MotionModel, Square, solve
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
-from tracker.types import Covariance2, EstimateStatus, Hindsight, Vector2, VelocityEstimate
+from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
 
-# Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
-# fitted to the errors on simulated training sequences.
-HONEST_SHARE = 0.3
-LEAST_SD = 0.01  # of a velocity [m/s]
 FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
 SEARCHED_TURN_SD = 0.01  # of a turn that is always searched [rad]
-MOST_CENTERS = 20  # looks that count for where an object's centre is
 
 
 @dataclass(frozen=True)
@@ -81,34 +76,6 @@ class FusedSettings:
             raise ValueError(f"expected lags of 1 to {self.motion.n_frames - 1} frames, got {lags}")
 
 
-@dataclass
-class _Track:
-    """One object: its window of places, that of its heading, and the looks that belong to their frames.
-
-    Attributes:
-        center: of the object relative to its place, in the axes of its first look [m]; a mean over ...
-        n_centers: ... so many looks, at most MOST_CENTERS.
-    """
-
-    place: Window
-    turn: Window
-    looks: list[Look]
-    center: Vector = field(default_factory=lambda: np.zeros(2))
-    n_centers: int = 0
-
-    def center_at(self, j: int) -> Vector:
-        """Give the object's centre at frame j [m]."""
-        return self.place.state[j, 0] + planar.rotation(float(self.turn.state[j, 0, 0])) @ self.center
-
-    def refer_to_center(self) -> None:
-        """Let the network's opinion of the latest look count for where the centre is."""
-        center = self.looks[-1].center
-        if center is not None:
-            own = planar.rotation(-float(self.turn.state[-1, 0, 0])) @ (center - self.place.state[-1, 0])
-            self.n_centers = min(self.n_centers + 1, MOST_CENTERS)
-            self.center = self.center + (own - self.center) / self.n_centers
-
-
 class FusedEstimator(FrameEstimator):
     """Weigh comparisons of an object with its own past, several frames back, by shape and by AlignNet.
 
@@ -131,8 +98,8 @@ class FusedEstimator(FrameEstimator):
         super().__init__(smoothing or WindowMean())
         self.settings = settings or FusedSettings()
         self._shape, self._learned = Shape(), Learned()
-        self._tracks: dict[int, _Track] = {}
-        self._axes = self._steady = Heading(turns=False, n_frames=self.settings.motion.n_frames)
+        self._tracks: dict[int, Track] = {}
+        self._axes = Heading(turns=False, n_frames=self.settings.motion.n_frames)
 
     def forget(self, track_id: int) -> None:
         """Drop a track."""
@@ -158,10 +125,11 @@ class FusedEstimator(FrameEstimator):
         known = {key: self._tracks[key] for key in sightings if key in self._tracks}
         self._begin_frame(sightings)
         for key, track in known.items():
-            self._advance(track, sightings[key])
+            pose_turn_sd = 0.0 if self._axes.turns else self.settings.pose_turn_sd
+            track.advance(sightings[key], self._axes, pose_turn_sd, self._offset_sd(sightings[key]))
         is_known = self._ask(known, new)
         is_laid = self._compare_shapes(known, new)
-        solve([track.turn for track in known.values()], self._steady)
+        solve([track.turn for track in known.values()])
         for key, track in known.items():
             track.looks.append(new[key])
             if self.settings.refers_to_center:
@@ -174,12 +142,9 @@ class FusedEstimator(FrameEstimator):
         """Go on with the axes if any object does; else begin them anew."""
         in_world = next(iter(sightings.values())).in_world
         if not self._tracks:
-            n_frames = self.settings.motion.n_frames
-            self._steady = Heading(turns=False, n_frames=n_frames)
             turns = self.settings.turns_axes and not in_world
-            self._axes = Heading(turns=True, n_frames=n_frames) if turns else self._steady
-        for axes in {id(axes): axes for axes in (self._steady, self._axes)}.values():
-            axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
+            self._axes = Heading(turns=turns, n_frames=self.settings.motion.n_frames)
+        self._axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
 
     def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
         seen = list(sightings.values())
@@ -189,62 +154,45 @@ class FusedEstimator(FrameEstimator):
             for (key, s), learned in zip(sightings.items(), encoded, strict=True)
         }
 
-    def _advance(self, track: _Track, sighting: Sighting) -> None:
-        """Expect the object where its motion leads, in axes whose own turn is not known exactly."""
-        arm = track.place.state[-1, 0] - sighting.sensor
-        across = self.settings.pose_turn_sd * np.array([-arm[1], arm[0]])
-        time, offset_sd = sighting.timestamp, self._offset_sd(sighting)
-        has_left = track.place.advance(time, self._axes, np.outer(across, across), offset_sd)
-        track.turn.advance(time, self._steady)
-        if has_left:
-            track.looks.pop(0)
-
     def _offset_sd(self, sighting: Sighting) -> float:
         """Say how far what is seen may be off: more where it is little, or close."""
         n, own = len(sighting.points), self.settings
         near = own.offset_near / max(sighting.range_m, 1.0) ** 2
         return float(np.linalg.norm([own.offset_floor, own.offset_sampling / n**0.5, own.offset_single / n, near]))
 
-    def _ask(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> set[int]:
-        """Hear the network's opinion of each object; say of which it has one."""
-        own, told = self.settings, set()
-        jobs = [(key, lag) for key, track in known.items() for lag in own.learned_lags if lag <= len(track.looks)]
+    def _ask(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
+        """Hear the network's opinions of each object; say of which it has one."""
+        jobs = self._jobs(known, self.settings.learned_lags)
         answers = self._learned.ask([(known[key].looks[-lag], new[key].learned) for key, lag in jobs])
+        told = {}
         for (key, lag), answer in zip(jobs, answers, strict=True):
             if answer is not None:
                 track = known[key]
-                doubt = own.learned_changed * _changed(track, lag, new[key])
-                _hear(
-                    track,
-                    lag,
-                    evidence_of_network(answer, track.looks[-lag], new[key], track.place.seen(-1 - lag)).doubted(doubt),
-                    self._axes,
-                )
-                told.add(key)
-        solve([known[key].place for key in told], self._axes)
-        return told
+                evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.seen(-1 - lag))
+                doubt = self.settings.learned_changed * track.changed(lag, new[key])
+                track.hear(lag, evidence.doubted(doubt), self._axes)
+                told[key] = track
+        solve([track.place for track in told.values()], self._axes)
+        return set(told)
 
-    def _compare_shapes(self, known: Mapping[int, _Track], new: Mapping[int, Look]) -> set[int]:
-        """Lay earlier looks on the new ones; say which objects have any."""
-        own, keys = self.settings, list(known)
-        jobs = [(i, lag) for i, key in enumerate(keys) for lag in own.shape_lags if lag <= len(known[key].looks)]
-        pairs = [
-            Laid(
-                known[keys[i]].looks[-lag].points,
-                i,
-                known[keys[i]].place.seen(-1 - lag),
-                self._expected(known[keys[i]], new[keys[i]], lag),
-            )
-            for i, lag in jobs
-        ]
-        evidence = self._shape.compare(pairs, [new[key] for key in keys])
-        for (i, lag), e in zip(jobs, evidence, strict=True):
-            track = known[keys[i]]
-            _hear(track, lag, e.doubted(own.shape_changed * _changed(track, lag, new[keys[i]])), self._axes)
+    def _compare_shapes(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
+        """Lay earlier looks on the new ones; say of which objects there are any."""
+        jobs, number = self._jobs(known, self.settings.shape_lags), {key: i for i, key in enumerate(known)}
+        laid = []
+        for key, lag in jobs:
+            track, expected = known[key], self._expected(known[key], new[key], lag)
+            laid.append(Laid(track.looks[-lag].points, number[key], track.place.seen(-1 - lag), expected))
+        found = self._shape.compare(laid, [new[key] for key in known])
+        doubts = [self.settings.shape_changed * known[key].changed(lag, new[key]) for key, lag in jobs]
+        for (key, lag), evidence, doubt in zip(jobs, found, doubts, strict=True):
+            known[key].hear(lag, evidence.doubted(doubt), self._axes)
         solve([track.place for track in known.values()], self._axes)
-        return {keys[i] for i, _ in jobs}
+        return {key for key, _ in jobs}
 
-    def _expected(self, track: _Track, new: Look, lag: int) -> Expected:
+    def _jobs(self, known: Mapping[int, Track], lags: Sequence[int]) -> list[tuple[int, int]]:
+        return [(key, lag) for key, track in known.items() for lag in lags if lag <= len(track.looks)]
+
+    def _expected(self, track: Track, new: Look, lag: int) -> Expected:
         older = -1 - lag
         place = track.place.seen(older)
         turn = float(track.turn.state[-1, 0, 0] - track.turn.state[older, 0, 0])
@@ -254,13 +202,13 @@ class FusedEstimator(FrameEstimator):
         else:
             own = self.settings
             shift = track.place.seen(-1) - place
-            covariance = own.search_doubt * track.place.difference(older, is_seen=True)
+            covariance = own.search_doubt * track.step_covariance(lag)
             covariance = covariance + own.search_doubt * self._swing(track)
             covariance = covariance + own.search_floor**2 * np.eye(2)
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
         return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)
 
-    def _swing(self, track: _Track) -> Square:
+    def _swing(self, track: Track) -> Square:
         """Give the covariance of where an object is that the axes' own turn adds [m^2]."""
         x, y = track.place.seen(-1)
         return self._axes.step_variance() * np.array([[y * y, -x * y], [-x * y, x * x]])
@@ -270,60 +218,23 @@ class FusedEstimator(FrameEstimator):
         for key, sighting in sightings.items():
             if key in self._tracks:
                 continue
-            points, time = new[key].points, sighting.timestamp
-            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))[:2]
-            place = Window.start(own.motion, time, self._axes, middle, self._offset_sd(sighting))
-            turn = Window.start(own.turn, time, self._steady, np.zeros(1))
-            self._tracks[key] = _Track(place, turn, [new[key]])
+            models, offset_sd = (own.motion, own.turn), self._offset_sd(sighting)
+            self._tracks[key] = Track.start(models, sighting, new[key], self._axes, offset_sd)
             if own.refers_to_center:
                 self._tracks[key].refer_to_center()
 
 
-def _changed(track: _Track, lag: int, new: Look) -> float:
-    """Say how much of what is seen of an object came or went, beside what its range explains: from 0 to 1, squared."""
-    older = track.looks[-lag]
-    before, now = (  # as many points as would be seen from 1 m
-        look.n_points * float(np.sum((track.place.seen(frame) - look.sensor) ** 2))
-        for look, frame in ((older, -1 - lag), (new, -1))
-    )
-    return (1.0 - min(before, now) / max(before, now)) ** 2
-
-
-def _hear(track: _Track, lag: int, evidence: Evidence, axes: Heading) -> None:
-    """Take evidence about an object into account."""
-    newest = len(track.place) - 1
-    older = newest - lag
-    if newest == 1:
-        track.place.place_last(track.place.seen(0) + evidence.step)
-    track.place.compare(Comparison(older, newest, track.place.seen(older), evidence.step, evidence.information))
-    if np.isfinite(evidence.turn_variance):
-        turn, information = np.array([evidence.turn]), np.array([[1.0 / evidence.turn_variance]])
-        track.turn.compare(Comparison(older, newest, np.zeros(1), turn, information))
-        axes.hear(track.place.axes[older], evidence.turn, evidence.turn_variance)
-
-
-def _measurement(track: _Track, is_measured: bool, may_stand: bool) -> Measurement:
+def _measurement(track: Track, is_measured: bool, may_stand: bool) -> Measurement:
     """Read the step to the latest look, and what is now known of those before."""
+    steps = track.steps()
     standing = parked.probability(track.place) if may_stand else 0.0
-    velocity, covariance = parked.mixed(*_step(track, -1), standing)
-    (yaw_rate,), _ = track.turn.step()
-    earlier = range(len(track.looks) - 2, 0, -1)
+    velocities, covariances = parked.mixed(steps.velocities, steps.covariances, standing)
+    hindsight = zip(steps.frames, velocities, covariances, strict=True)
     return Measurement(
-        position=track.center_at(-1),
-        velocity=velocity,
-        covariance=covariance,
-        yaw_rate=float(yaw_rate),
+        position=track.centers()[-1],
+        velocity=velocities[-1],
+        covariance=covariances[-1],
+        yaw_rate=track.yaw_rate(),
         status=EstimateStatus.CONVERGED if is_measured else EstimateStatus.NOT_CONVERGED,
-        hindsight=tuple(Hindsight(track.looks[j].frame, *parked.mixed(*_step(track, j), standing)) for j in earlier),
+        hindsight=tuple(Hindsight(*step) for step in list(hindsight)[-2::-1]),
     )
-
-
-def _step(track: _Track, j: int) -> tuple[Vector2, Covariance2]:
-    """Give the velocity of the centre over the step to look j."""
-    j %= len(track.looks)
-    seconds = track.place.times[j] - track.place.times[j - 1]
-    _, covariance = track.place.step(j)
-    _, turn_variance = track.turn.step(j)
-    arm = planar.rotation(float(track.turn.state[j, 0, 0])) @ np.array([-track.center[1], track.center[0]])
-    covariance = HONEST_SHARE * (covariance + turn_variance * np.outer(arm, arm)) + LEAST_SD**2 * np.eye(2)
-    return (track.center_at(j) - track.center_at(j - 1)) / seconds, covariance

@@ -1,9 +1,12 @@
 """Whether an object stands still: the one motion that is common, exact, and worth a hypothesis of its own."""
 
 import numpy as np
+from jaxtyping import Float64
 
 from tracker.estimators.fused.window import Square, Vector, Window
-from tracker.types import Covariance2, Vector2
+
+Velocities = Float64[np.ndarray, "n 2"]
+Covariances = Float64[np.ndarray, "n 2 2"]
 
 # How fast objects are, before anything is known: share of all, and standard deviation of each of vx, vy [m/s].
 # Slow ones have a share of their own, so that one that rolls is not taken for one that stands.
@@ -27,11 +30,11 @@ def probability(window: Window) -> float:
     return float(standing / (standing + moving))
 
 
-def mixed(velocity: Vector2, covariance: Covariance2, standing: float) -> tuple[Vector2, Covariance2]:
-    """Give mean and covariance of a velocity that is 0 with a probability, and as estimated otherwise."""
+def mixed(velocities: Velocities, covariances: Covariances, standing: float) -> tuple[Velocities, Covariances]:
+    """Give mean and covariance of velocities that are 0 with a probability, and as estimated otherwise."""
     moving = 1.0 - standing
-    spread = moving * covariance + standing * STANDING_SD**2 * np.eye(2)
-    return moving * velocity, spread + standing * moving * np.outer(velocity, velocity)
+    spread = moving * covariances + standing * STANDING_SD**2 * np.eye(2)
+    return moving * velocities, spread + standing * moving * velocities[:, :, None] * velocities[:, None, :]
 
 
 def _density(x: Vector, covariance: Square) -> float:

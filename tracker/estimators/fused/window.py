@@ -1,7 +1,7 @@
 """Where something was at the last few frames, from comparisons of any two of them: a fixed-lag smoother."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float64
@@ -42,7 +42,7 @@ class Comparison:
     """A measured difference of place plus offset between two frames, each in the axes of its own frame.
 
     Attributes:
-        older, newer: places of the frames in the window.
+        older, newer: numbers of the frames since the first that the window ever had.
         start: a point of the object in the older frame (d); matters where axes turn.
         step: from there to where the same point is in the newer frame (d).
         information: its inverse covariance (d, d); singular where a direction was not measured.
@@ -69,6 +69,7 @@ class Window:
         axes: number of each frame in the `Heading` that they share with other objects.
         state: place, rate, offset of each (n, 3, d).
         covariance: of all of it, frame by frame (3 n d, 3 n d).
+        n_left: how many frames have left the window.
         comparisons: between frames of the window.
         shakes, offset_sds: of the frames; see `advance`.
     """
@@ -78,6 +79,7 @@ class Window:
     axes: list[int]
     state: Float64[np.ndarray, "n 3 d"]
     covariance: Joint
+    n_left: int = 0
     comparisons: list[Comparison] = field(default_factory=list)
     shakes: list[Square] = field(default_factory=list)
     offset_sds: list[float] = field(default_factory=list)
@@ -94,7 +96,7 @@ class Window:
         variances = np.repeat([PLACED, model.rate_sd**2, offset_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
         frame = ([time], [axes.latest], state, np.diag(variances))
-        return cls(model, *frame, [], [np.zeros((d, d))], [offset_sd], [rate])
+        return cls(model, *frame, 0, [], [np.zeros((d, d))], [offset_sd], [rate])
 
     def __len__(self) -> int:
         return len(self.times)
@@ -129,38 +131,34 @@ class Window:
             shake: covariance that the new place has beside that of the motion (d, d).
             offset_sd: standard deviation of its offset.
         """
-        d, n = self.state.shape[2], len(self)
+        d, is_full = self.state.shape[2], len(self) == self.model.n_frames
         time = max(time, self.times[-1] + SHORTEST_STEP)
-        dt, q = time - self.times[-1], self.model.density
+        dt = time - self.times[-1]
         shake = np.zeros((d, d)) if shake is None else shake
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
-        place, rate, _ = self.state[-1]
-        self.state = np.concatenate([self.state, [[turned @ (place + dt * rate), turned @ rate, np.zeros(d)]]])
-        A = np.zeros((3 * d, 3 * d * n))
-        A[: 2 * d, -3 * d : -d] = np.kron([[1.0, dt], [0.0, 1.0]], turned)
-        noise = np.kron(q * np.array([[dt**3 / 3, dt**2 / 2, 0], [dt**2 / 2, dt, 0], [0, 0, 0]]), np.eye(d))
-        noise[:d, :d] += shake
-        noise[2 * d :, 2 * d :] = offset_sd**2 * np.eye(d)
-        across = A @ self.covariance
-        self.covariance = np.block([[self.covariance, across.T], [across, across @ A.T + noise]])
+        model = (float(self.model.density), shake, float(offset_sd))
+        self.state, self.covariance = window_kernels.advance(self.state, self.covariance, dt, turned, model, is_full)
         self.times.append(time)
         self.axes.append(axes.latest)
         self.shakes.append(shake)
         self.offset_sds.append(offset_sd)
         self._rates.append(self._latest_rate())
-        if len(self) <= self.model.n_frames:
-            return False
-        self._drop_oldest()
-        return True
+        if is_full:
+            self._drop_oldest()
+        return is_full
 
     def place_last(self, place: Vector) -> None:
         """Say where the last frame is to be looked for first."""
         self.state[-1, 0] = place
 
-    def compare(self, comparison: Comparison) -> None:
-        """Take a comparison into account, from the next `solve` on; one that says nothing is left out."""
-        if comparison.information.any():
-            self.comparisons.append(comparison)
+    def compare(self, lag: int, start: Vector, step: Vector, information: Square) -> None:
+        """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
+
+        One that says nothing is left out; see `Comparison`.
+        """
+        if information.any():
+            newest = self.n_left + len(self) - 1
+            self.comparisons.append(Comparison(newest - lag, newest, start, step, information))
 
     @property
     def first_rate(self) -> tuple[Vector, Square]:
@@ -176,23 +174,26 @@ class Window:
         return self.state[-1, 1].copy(), self.covariance[-2 * d : -d, -2 * d : -d].copy()
 
     def _drop_oldest(self) -> None:
-        d = self.state.shape[2]
+        self.n_left += 1
         for series in (self.times, self.axes, self.shakes, self.offset_sds, self._rates):
             series.pop(0)
-        self.state, self.covariance = self.state[1:], self.covariance[3 * d :, 3 * d :]
-        self.comparisons = [replace(c, older=c.older - 1, newer=c.newer - 1) for c in self.comparisons if c.older > 0]
+        self.comparisons = [c for c in self.comparisons if c.older >= self.n_left]
 
 
-def solve(windows: Sequence[Window], axes: Heading) -> None:
+STILL = Heading(turns=False, n_frames=1)
+STILL.advance(0.0)
+
+
+def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
     """Find the most likely places, rates and offsets of all frames of objects that share a model and axes.
 
-    Objects without comparisons stay as they are.
+    Objects without comparisons stay as they are.  No axes: these do not matter, or do not turn.
     """
     windows = [window for window in windows if window.comparisons]
     if not windows:
         return
     state, covariances, angles, rates, rate_variance = window_kernels.solve(
-        _packed(windows, axes), _open(axes), float(windows[0].model.density), np.array(windows[0].model.tails)
+        _packed(windows, axes), _open(axes or STILL), float(windows[0].model.density), np.array(windows[0].model.tails)
     )
     frame, width = 0, 3 * state.shape[2]
     for window, covariance in zip(windows, covariances, strict=True):
@@ -201,10 +202,11 @@ def solve(windows: Sequence[Window], axes: Heading) -> None:
         window.covariance = covariance[: n * width, : n * width]
         window.learn_rate()
         frame += n
-    axes.settle(angles, rates, rate_variance)
+    if axes is not None:
+        axes.settle(angles, rates, rate_variance)
 
 
-def _packed(windows: Sequence[Window], axes: Heading) -> window_kernels.Windows:
+def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.Windows:
     comparisons = [comparison for window in windows for comparison in window.comparisons]
     numbers = np.array([number for window in windows for number in window.axes])
     rates, covariances = zip(*(window.first_rate for window in windows), strict=True)
@@ -212,14 +214,14 @@ def _packed(windows: Sequence[Window], axes: Heading) -> window_kernels.Windows:
         sizes=np.array([len(window) for window in windows]),
         counts=np.array([len(window.comparisons) for window in windows]),
         times=np.array([time for window in windows for time in window.times]),
-        axes=np.maximum(numbers - axes.first, -1),
-        angles=axes.angles_at(numbers),
+        axes=np.full(len(numbers), -1) if axes is None else np.maximum(numbers - axes.first, -1),
+        angles=np.zeros(len(numbers)) if axes is None else axes.angles_at(numbers),
         state=np.concatenate([window.state for window in windows]),
         shakes=np.concatenate([window.shakes for window in windows]),
         offset_sds=np.concatenate([window.offset_sds for window in windows]),
         rates=np.array(rates),
         rate_informations=np.linalg.inv(np.array(covariances)),
-        ends=np.array([(c.older, c.newer) for c in comparisons]),
+        ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
         olders=np.array([c.start for c in comparisons]),
         newers=np.array([c.start + c.step for c in comparisons]),
         informations=np.array([c.information for c in comparisons]),

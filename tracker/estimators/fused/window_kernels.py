@@ -280,22 +280,20 @@ def _add_step(H, b, older, newer, step, information, D):
 @typing.no_type_check
 def _add_lever(L, A, a, numbers, at, ends, step, information):
     """Add how a comparison's step in steady axes changes with the angles of both frames."""
-    pulls = np.zeros((2, 2))
-    for s in range(2):
-        sign = 1.0 - 2.0 * s
-        for d in range(2):
-            pulls[s, d] = sign * (information[d, 1] * ends[s, 0] - information[d, 0] * ends[s, 1])
     for s in range(2):
         if numbers[s] < 0:
             continue
-        a[numbers[s]] -= pulls[s, 0] * step[0] + pulls[s, 1] * step[1]
+        sign = 1.0 - 2.0 * s
+        x = sign * (information[0, 1] * ends[s, 0] - information[0, 0] * ends[s, 1])
+        y = sign * (information[1, 1] * ends[s, 0] - information[1, 0] * ends[s, 1])
+        a[numbers[s]] -= x * step[0] + y * step[1]
         for t in range(2):
             sign = 1.0 - 2.0 * t
             if numbers[t] >= 0:
-                A[numbers[s], numbers[t]] += sign * (pulls[s, 1] * ends[t, 0] - pulls[s, 0] * ends[t, 1])
+                A[numbers[s], numbers[t]] += sign * (y * ends[t, 0] - x * ends[t, 1])
             for p in range(0, 6, 4):  # place and offset
-                for d in range(2):
-                    L[at[t] + p + d, numbers[s]] -= sign * pulls[s, d]
+                L[at[t] + p, numbers[s]] -= sign * x
+                L[at[t] + p + 1, numbers[s]] -= sign * y
 
 
 @njit(cache=True, nogil=True)
@@ -369,3 +367,58 @@ def _in_own_axes(x, H, levers, common, windows, angles, D):
         own = turn @ np.linalg.inv(H[k, :m, :m].copy()) @ turn.T
         H[k, :m, :m] = own + lever @ common @ lever.T
     return state
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def advance(state, covariance, dt, turned, model, is_full):
+    """Add a frame where the motion would lead; a full window loses its first one.
+
+    Args:
+        state: (n, 3, D), in the axes of the frames.
+        covariance: of all of it (3 n D, 3 n D).
+        dt: [s].
+        turned: rotation from the last frame's axes to the new one's (D, D).
+        model: density of the acceleration's noise, covariance that the place has beside that (D, D), standard
+            deviation of the new offset.
+        is_full: whether the first frame goes.
+
+    Returns:
+        both, with the new frame.
+    """
+    density, shake, offset_sd = model
+    n, D = state.shape[0], state.shape[2]
+    first = 1 if is_full else 0
+    size, gone, last = 3 * D * (n - first), 3 * D * first, 3 * D * (n - 1)
+    moved, found = np.zeros((n - first + 1, 3, D)), np.zeros((size + 3 * D, size + 3 * D))
+    moved[:-1], found[:size, :size] = state[first:], covariance[gone:, gone:]
+    moved[-1, 0], moved[-1, 1] = turned @ (state[-1, 0] + dt * state[-1, 1]), turned @ state[-1, 1]
+    A = np.zeros((3 * D, 3 * D))
+    A[:D, :D], A[:D, D : 2 * D], A[D : 2 * D, D : 2 * D] = turned, dt * turned, turned
+    across = A @ covariance[last:, gone:].copy()
+    found[size:, :size], found[:size, size:] = across, across.T
+    noise = A @ covariance[last:, last:].copy() @ A.T
+    noise[:D, :D] += shake
+    for d in range(D):
+        noise[d, d] += density * dt**3 / 3.0
+        noise[D + d, D + d] += density * dt
+        noise[d, D + d] += density * dt**2 / 2.0
+        noise[D + d, d] += density * dt**2 / 2.0
+        noise[2 * D + d, 2 * D + d] += offset_sd**2
+    found[size:, size:] = noise
+    return moved, found
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def step_covariances(covariance, D):
+    """Give the covariance of each step of place, from frame to frame (n - 1, D, D)."""
+    n = len(covariance) // (3 * D)
+    found = np.empty((n - 1, D, D))
+    for j in range(n - 1):
+        a, b = 3 * D * j, 3 * D * (j + 1)
+        for d in range(D):
+            for e in range(D):
+                across = covariance[a + d, b + e] + covariance[b + d, a + e]
+                found[j, d, e] = covariance[a + d, a + e] + covariance[b + d, b + e] - across
+    return found

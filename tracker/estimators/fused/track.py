@@ -1,0 +1,142 @@
+"""One object: its window of places, that of its heading, and the looks that belong to their frames."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float64
+
+from registration import planar
+from tracker.estimators.contract import Sighting
+from tracker.estimators.fused import window_kernels
+from tracker.estimators.fused.heading import Heading
+from tracker.estimators.fused.sources import Evidence, Look
+from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
+
+MOST_CENTERS = 20  # looks that count for where an object's centre is
+# Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
+# fitted to the errors on simulated training sequences.
+HONEST_SHARE = 0.3
+LEAST_SD = 0.01  # of a velocity [m/s]
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The velocities of an object's centre over the steps of its window, the latest last.
+
+    Attributes:
+        frames: number of the frame that each step leads to, in its sequence.
+        lengths: how many frames each step takes; more than one where nothing was seen in between.
+        places: of the centre half-way [m].
+        velocities: [m/s].
+        covariances: of these.
+    """
+
+    frames: list[int]
+    lengths: list[int]
+    places: Float64[np.ndarray, "n 2"]
+    velocities: Float64[np.ndarray, "n 2"]
+    covariances: Float64[np.ndarray, "n 2 2"]
+
+
+@dataclass
+class Track:
+    """One object.
+
+    Attributes:
+        place: its reference point.
+        turn: its heading, as it looks in axes that may turn themselves.
+        looks: one for each frame of these windows, but for the frame that is being looked at.
+        center: of the object relative to its place, in the axes of its first look [m]: a mean over `n_centers` looks,
+            of which no more than MOST_CENTERS count.
+    """
+
+    place: Window
+    turn: Window
+    looks: list[Look]
+    center: Vector = field(default_factory=lambda: np.zeros(2))
+    n_centers: int = 0
+
+    @classmethod
+    def start(
+        cls, models: tuple[MotionModel, MotionModel], sighting: Sighting, look: Look, axes: Heading, offset_sd: float
+    ) -> "Track":
+        """Begin at the middle of a look.
+
+        Args:
+            models: of the motion of its place, and of its heading.
+            sighting: of the object.
+            look: the same, as it is kept.
+            axes: whose latest frame it is.
+            offset_sd: see `Window`.
+        """
+        middle = 0.5 * (look.points.min(axis=0) + look.points.max(axis=0))[:2]
+        place = Window.start(models[0], sighting.timestamp, axes, middle, offset_sd)
+        return cls(place, Window.start(models[1], sighting.timestamp, axes, np.zeros(1)), [look])
+
+    def advance(self, sighting: Sighting, axes: Heading, pose_turn_sd: float, offset_sd: float) -> None:
+        """Expect the object where its motion leads, in axes whose turn may be off by so much [rad]."""
+        arm = self.place.state[-1, 0] - sighting.sensor
+        across = pose_turn_sd * np.array([-arm[1], arm[0]])
+        has_left = self.place.advance(sighting.timestamp, axes, across[:, None] * across, offset_sd)
+        self.turn.advance(sighting.timestamp, axes)
+        if has_left:
+            self.looks.pop(0)
+
+    def hear(self, lag: int, evidence: Evidence, axes: Heading) -> None:
+        """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on."""
+        start = self.place.seen(-1 - lag)
+        if len(self.place) - lag == 1 and not self.place.comparisons:
+            self.place.place_last(start + evidence.step)
+        self.place.compare(lag, start, evidence.step, evidence.information)
+        if np.isfinite(evidence.turn_variance):
+            information = np.array([[1.0 / evidence.turn_variance]])
+            self.turn.compare(lag, np.zeros(1), np.array([evidence.turn]), information)
+            axes.hear(self.place.axes[-1 - lag], evidence.turn, evidence.turn_variance)
+
+    def changed(self, lag: int, new: Look) -> float:
+        """Say how much of what is seen of an object came or went beside what its range explains: 0 to 1, squared."""
+        before, now = (  # as many points as would be seen from 1 m
+            look.n_points * float(np.sum((self.place.seen(frame) - look.sensor) ** 2))
+            for look, frame in ((self.looks[-lag], -1 - lag), (new, -1))
+        )
+        return (1.0 - min(before, now) / max(before, now)) ** 2
+
+    def refer_to_center(self) -> None:
+        """Let the network's opinion of the latest look count for where the centre is."""
+        center = self.looks[-1].center
+        if center is not None:
+            own = planar.rotation(-float(self.turn.state[-1, 0, 0])) @ (center - self.place.state[-1, 0])
+            self.n_centers = min(self.n_centers + 1, MOST_CENTERS)
+            self.center = self.center + (own - self.center) / self.n_centers
+
+    def centers(self) -> Float64[np.ndarray, "n 2"]:
+        """Give the object's centre at each frame [m]."""
+        c, s = np.cos(self.turn.state[:, 0, 0]), np.sin(self.turn.state[:, 0, 0])
+        x, y = self.center
+        found: Float64[np.ndarray, "n 2"] = self.place.state[:, 0] + np.column_stack([c * x - s * y, s * x + c * y])
+        return found
+
+    def steps(self) -> Steps:
+        """Read what is known now of each step."""
+        centers, frames = self.centers(), np.array([look.frame for look in self.looks])
+        seconds = np.diff(self.place.times)[:, None]
+        turns = window_kernels.step_covariances(self.turn.covariance, 1) / seconds[:, None] ** 2
+        covariances = window_kernels.step_covariances(self.place.covariance, 2) / seconds[:, None] ** 2
+        arms = (centers - self.place.state[:, 0])[1:, ::-1] * [-1.0, 1.0]
+        covariances = covariances + turns * arms[:, :, None] * arms[:, None, :]
+        return Steps(
+            frames=frames[1:].tolist(),
+            lengths=np.diff(frames).tolist(),
+            places=0.5 * (centers[1:] + centers[:-1]),
+            velocities=np.diff(centers, axis=0) / seconds,
+            covariances=HONEST_SHARE * covariances + LEAST_SD**2 * np.eye(2),
+        )
+
+    def yaw_rate(self) -> float:
+        """Give the rate of turn over the latest step [rad/s]."""
+        turns = self.turn.state[-2:, 0, 0]
+        return float((turns[1] - turns[0]) / (self.turn.times[-1] - self.turn.times[-2]))
+
+    def step_covariance(self, lag: int) -> Square:
+        """Give the covariance of where the object is now against where it was `lag` frames ago [m^2]."""
+        return self.place.difference(-1 - lag, is_seen=True)
