@@ -7,7 +7,7 @@ import numpy as np
 
 from registration import planar
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
-from tracker.estimators.fused import parked
+from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.sources import (
     Expected,
@@ -18,7 +18,7 @@ from tracker.estimators.fused.sources import (
     evidence_of_network,
     thinned,
 )
-from tracker.estimators.fused.track import Track
+from tracker.estimators.fused.track import Steps, Track
 from tracker.estimators.fused.window import MotionModel, Square, solve
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
@@ -49,7 +49,7 @@ class FusedSettings:
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
         turns_axes: whether the sensor's axes are known to turn, where there are no poses.
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
-        knows_parked: whether what stands in the world is taken to stand.
+        knows_parked: whether what stands in the world is taken to stand, or to move as most objects do without a world.
     """
 
     motion: MotionModel = field(default_factory=lambda: MotionModel(density=2.0, rate_sd=15.0))
@@ -135,8 +135,17 @@ class FusedEstimator(FrameEstimator):
             if self.settings.refers_to_center:
                 track.refer_to_center()
         self._start_tracks(sightings, new)
-        may_stand = self.settings.knows_parked and next(iter(sightings.values())).in_world
-        return {key: _measurement(track, key in is_known or key in is_laid, may_stand) for key, track in known.items()}
+        steps = self._steps(known, next(iter(sightings.values())).in_world)
+        return {key: _measurement(track, steps[key], key in is_known or key in is_laid) for key, track in known.items()}
+
+    def _steps(self, known: Mapping[int, Track], in_world: bool) -> dict[int, Steps]:
+        """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
+        steps = {key: track.steps() for key, track in known.items()}
+        if not self.settings.knows_parked:
+            return steps
+        if not in_world:
+            return dict(zip(steps, scene.settle(list(steps.values())), strict=True))
+        return {key: parked.mixed(s, parked.probability(known[key].place)) for key, s in steps.items()}
 
     def _begin_frame(self, sightings: Mapping[int, Sighting]) -> None:
         """Go on with the axes if any object does; else begin them anew."""
@@ -224,16 +233,13 @@ class FusedEstimator(FrameEstimator):
                 self._tracks[key].refer_to_center()
 
 
-def _measurement(track: Track, is_measured: bool, may_stand: bool) -> Measurement:
-    """Read the step to the latest look, and what is now known of those before."""
-    steps = track.steps()
-    standing = parked.probability(track.place) if may_stand else 0.0
-    velocities, covariances = parked.mixed(steps.velocities, steps.covariances, standing)
-    hindsight = zip(steps.frames, velocities, covariances, strict=True)
+def _measurement(track: Track, steps: Steps, is_measured: bool) -> Measurement:
+    """Give the step to the latest look, and what is now known of those before."""
+    hindsight = zip(steps.frames.tolist(), steps.velocities, steps.covariances, strict=True)
     return Measurement(
         position=track.centers()[-1],
-        velocity=velocities[-1],
-        covariance=covariances[-1],
+        velocity=steps.velocities[-1],
+        covariance=steps.covariances[-1],
         yaw_rate=track.yaw_rate(),
         status=EstimateStatus.CONVERGED if is_measured else EstimateStatus.NOT_CONVERGED,
         hindsight=tuple(Hindsight(*step) for step in list(hindsight)[-2::-1]),

@@ -1,12 +1,12 @@
 """Whether an object stands still: the one motion that is common, exact, and worth a hypothesis of its own."""
 
-import numpy as np
-from jaxtyping import Float64
+from dataclasses import replace
 
+import numpy as np
+
+from tracker.estimators.fused.track import Steps
 from tracker.estimators.fused.window import Square, Vector, Window
 
-Velocities = Float64[np.ndarray, "n 2"]
-Covariances = Float64[np.ndarray, "n 2 2"]
 
 # How fast objects are, before anything is known: share of all, and standard deviation of each of vx, vy [m/s].
 # Slow ones have a share of their own, so that one that rolls is not taken for one that stands.
@@ -30,11 +30,12 @@ def probability(window: Window) -> float:
     return float(standing / (standing + moving))
 
 
-def mixed(velocities: Velocities, covariances: Covariances, standing: float) -> tuple[Velocities, Covariances]:
+def mixed(steps: Steps, standing: float) -> Steps:
     """Give mean and covariance of velocities that are 0 with a probability, and as estimated otherwise."""
-    moving = 1.0 - standing
-    spread = moving * covariances + standing * STANDING_SD**2 * np.eye(2)
-    return moving * velocities, spread + standing * moving * velocities[:, :, None] * velocities[:, None, :]
+    moving, v = 1.0 - standing, steps.velocities
+    spread = moving * steps.covariances + standing * STANDING_SD**2 * np.eye(2)
+    spread = spread + standing * moving * v[:, :, None] * v[:, None, :]
+    return replace(steps, velocities=moving * v, covariances=spread)
 
 
 def _density(x: Vector, covariance: Square) -> float:

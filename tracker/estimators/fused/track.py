@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from registration import planar
 from tracker.estimators.contract import Sighting
@@ -15,7 +15,7 @@ from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
 MOST_CENTERS = 20  # looks that count for where an object's centre is
 # Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
 # fitted to the errors on simulated training sequences.
-HONEST_SHARE = 0.3
+HONEST_SHARE = 0.22
 LEAST_SD = 0.01  # of a velocity [m/s]
 
 
@@ -31,8 +31,8 @@ class Steps:
         covariances: of these.
     """
 
-    frames: list[int]
-    lengths: list[int]
+    frames: Int64[np.ndarray, " n"]
+    lengths: Int64[np.ndarray, " n"]
     places: Float64[np.ndarray, "n 2"]
     velocities: Float64[np.ndarray, "n 2"]
     covariances: Float64[np.ndarray, "n 2 2"]
@@ -125,8 +125,8 @@ class Track:
         arms = (centers - self.place.state[:, 0])[1:, ::-1] * [-1.0, 1.0]
         covariances = covariances + turns * arms[:, :, None] * arms[:, None, :]
         return Steps(
-            frames=frames[1:].tolist(),
-            lengths=np.diff(frames).tolist(),
+            frames=frames[1:],
+            lengths=np.diff(frames),
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=np.diff(centers, axis=0) / seconds,
             covariances=HONEST_SHARE * covariances + LEAST_SD**2 * np.eye(2),
