@@ -8,9 +8,10 @@ import pytest
 from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
-from tracker.estimators.fused import parked
+from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.sources import Expected, Laid, Look, Shape
+from tracker.estimators.fused.track import Steps
 from tracker.estimators.fused.window import MotionModel, Window, solve
 from tracker.types import EstimateStatus
 
@@ -120,8 +121,48 @@ def test_what_stands_is_taken_to_stand_and_what_rolls_is_not():
     assert parked.probability(window_of([5.0, 0.0], 9)) < 1e-6
 
 
+def seen_steps(places, velocities, sd, n=4):
+    """Give the same velocity in each of n steps, half-way at the same place."""
+    return [
+        Steps(
+            np.arange(1, n + 1), np.ones(n, dtype=np.int64), *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1))
+        )
+        for *pair, C in zip(places, velocities, [s**2 * np.eye(2) for s in sd], strict=True)
+    ]
+
+
+def test_an_object_that_nobody_is_sure_of_moves_as_those_that_stand():
+    places = np.array([[10.0, 5.0], [20.0, -8.0], [30.0, 12.0], [40.0, 0.0], [25.0, 3.0]])
+    standing = np.array([-8.0, 0.5]) + 0.2 * np.column_stack([-places[:, 1], places[:, 0]])  # the ego drives and turns
+    velocities = standing.copy()
+    velocities[3] += [1.5, -1.0]  # an error, of a cloud that nobody is sure of
+    velocities[4] += [6.0, 0.0]  # a car that drives
+    settled = scene.settle(seen_steps(places, velocities, [0.05, 0.05, 0.05, 1.5, 0.05]))
+    for k in range(4):
+        np.testing.assert_allclose(settled[k].velocities, np.tile(standing[k], (4, 1)), atol=0.3 if k == 3 else 0.05)
+    np.testing.assert_allclose(settled[4].velocities[-1], velocities[4], atol=0.02)
+    assert np.trace(settled[3].covariances[-1]) < 0.5 * 2 * 1.5**2
+
+
+def test_an_object_alone_stays_as_it_is_and_two_that_differ_nearly_so():
+    (alone,) = scene.settle(seen_steps([[10.0, 0.0]], [[3.0, 1.0]], [0.2]))
+    np.testing.assert_array_equal(alone.velocities[-1], [3.0, 1.0])
+    two = scene.settle(seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [-9.0, 2.0]], [0.1, 0.1]))
+    np.testing.assert_allclose(two[0].velocities[-1], [3.0, 1.0], atol=0.1)
+
+
+def test_steps_over_a_frame_without_points_are_not_weighed():
+    first, second = seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [3.1, 1.0]], [0.2, 0.2])
+    gap = replace(first, frames=np.array([0, 1, 3, 4]), lengths=np.array([1, 1, 2, 1]))
+    settled = scene.settle([gap, second])
+    np.testing.assert_array_equal(settled[0].velocities[2], first.velocities[2])
+    assert settled[0].velocities[3, 0] > first.velocities[3, 0]
+
+
 def test_a_mixture_is_as_unsure_as_its_parts_differ():
-    (velocity,), (covariance,) = parked.mixed(np.array([[2.0, 0.0]]), 0.01 * np.eye(2)[None], 0.5)
+    (steps,) = seen_steps([[10.0, 0.0]], [[2.0, 0.0]], [0.1], n=1)
+    mixed = parked.mixed(steps, 0.5)
+    (velocity,), (covariance,) = mixed.velocities, mixed.covariances
     np.testing.assert_allclose(velocity, [1.0, 0.0])
     assert covariance[0, 0] > 1.0
     assert covariance[1, 1] < 0.01

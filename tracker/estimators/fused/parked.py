@@ -7,7 +7,6 @@ import numpy as np
 from tracker.estimators.fused.track import Steps
 from tracker.estimators.fused.window import Square, Vector, Window
 
-
 # How fast objects are, before anything is known: share of all, and standard deviation of each of vx, vy [m/s].
 # Slow ones have a share of their own, so that one that rolls is not taken for one that stands.
 STANDING = 0.5

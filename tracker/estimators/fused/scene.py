@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 
 from tracker.estimators.fused.track import Steps
 
@@ -15,11 +15,12 @@ SPEEDS = ((0.5, 0.15), (0.1, 0.5), (0.1, 2.0), (0.3, 8.0))
 PRIOR = np.diag([30.0**-2, 30.0**-2, 0.4**-2])
 N_REFINEMENTS = 4
 
-Vectors = Float64[np.ndarray, "k n 2"]
-Squares = Float64[np.ndarray, "k n 2 2"]
-Known = Bool[np.ndarray, "k n"]
-Systems = tuple[Float64[np.ndarray, "k n 3 3"], Float64[np.ndarray, "k n 3"]]
-Shares = Float64[np.ndarray, " k"]
+Vectors = Float64[np.ndarray, "*k 2"]
+Squares = Float64[np.ndarray, "*k 2 2"]
+Places = Float64[np.ndarray, "*k 2 3"]  # how u + w x p at a place p depends on (ux, uy, w)
+Matrices = Float64[np.ndarray, "*k 3 3"]
+Triples = Float64[np.ndarray, "*k 3"]
+Logs = Float64[np.ndarray, "c *k"]  # one for each of SPEEDS
 
 
 def settle(tracks: Sequence[Steps]) -> list[Steps]:
@@ -34,92 +35,89 @@ def settle(tracks: Sequence[Steps]) -> list[Steps]:
     all pairs, then expectation maximisation.
 
     Args:
-        tracks: of one frame; all of them have a step that leads to it.
+        tracks: of one frame; the latest step of each leads to it.
     """
-    if len(tracks) < 2:
+    if len(tracks) < 2:  # noqa: PLR2004
         return list(tracks)
-    latest, n = max(steps.frames[-1] for steps in tracks), max(len(steps.frames) for steps in tracks)
-    places, velocities = np.zeros((2, len(tracks), n, 2))
+    n = max(len(steps.frames) for steps in tracks)
+    slots = [_slots(steps, n) for steps in tracks]
+    velocities, places = np.zeros((2, len(tracks), n, 2))
     covariances, is_known = np.tile(np.eye(2), (len(tracks), n, 1, 1)), np.zeros((len(tracks), n), dtype=np.bool_)
-    for k, steps in enumerate(tracks):
-        back = latest - steps.frames
-        own = np.flatnonzero((back < n) & (steps.lengths == 1))
-        back = back[own]
-        places[k, back], velocities[k, back] = steps.places[own], steps.velocities[own]
+    for k, (steps, (own, back)) in enumerate(zip(tracks, slots, strict=True)):
+        velocities[k, back], places[k, back] = steps.velocities[own], steps.places[own]
         covariances[k, back], is_known[k, back] = steps.covariances[own], True
-    if is_known[:, 0].sum() > 1:
-        velocities, covariances = _weighed(places, velocities, covariances, is_known)
-    return [_taken(steps, latest, velocities[k], covariances[k], is_known[k]) for k, steps in enumerate(tracks)]
+    expected, doubt = _of_others(places, velocities, covariances, is_known)
+    velocities, covariances = _mixed(velocities, covariances, expected, doubt)
+    settled = []
+    for k, (steps, (own, back)) in enumerate(zip(tracks, slots, strict=True)):
+        steps = replace(steps, velocities=steps.velocities.copy(), covariances=steps.covariances.copy())
+        steps.velocities[own], steps.covariances[own] = velocities[k, back], covariances[k, back]
+        settled.append(steps)
+    return settled
 
 
-def _taken(
-    steps: Steps,
-    latest: int,
-    velocities: Float64[np.ndarray, "n 2"],
-    covariances: Float64[np.ndarray, "n 2 2"],
-    is_known: Bool[np.ndarray, " n"],
-) -> Steps:
-    back = latest - steps.frames
-    use = np.flatnonzero((back < len(is_known)) & (steps.lengths == 1))
-    v, C = steps.velocities.copy(), steps.covariances.copy()
-    v[use], C[use] = velocities[back[use]], covariances[back[use]]
-    return replace(steps, velocities=v, covariances=C)
+def _slots(steps: Steps, n: int) -> tuple[Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]:
+    """Say which of an object's steps are from one frame to the next, and how many frames ago they ended, below n."""
+    back = steps.frames[-1] - steps.frames
+    own = np.flatnonzero((back < n) & (steps.lengths == 1))
+    return own, back[own]
 
 
-def _weighed(places: Vectors, velocities: Vectors, covariances: Squares, is_known: Known) -> tuple[Vectors, Squares]:
-    """Give mean and covariance of all velocities (k objects, n steps back) under the mixture."""
+def _of_others(
+    places: Vectors, velocities: Vectors, covariances: Squares, is_known: Bool[np.ndarray, "k n"]
+) -> tuple[Vectors, Squares]:
+    """Say how each object (k) would move n steps back if it stood, as the others tell, and how sure that is."""
     H = np.zeros((*places.shape, 3))
     H[..., 0, 0] = H[..., 1, 1] = 1.0
     H[..., 0, 2], H[..., 1, 2] = -places[..., 1], places[..., 0]
     weighted = np.swapaxes(H, -1, -2) @ np.linalg.inv(covariances + SPEEDS[0][1] ** 2 * np.eye(2))
-    A, a = weighted @ H, (weighted @ velocities[..., None])[..., 0]
-    A, a = A * is_known[..., None, None], a * is_known[..., None]
+    A, a = (weighted @ H) * is_known[..., None, None], (weighted @ velocities[..., None])[..., 0] * is_known[..., None]
     now = np.flatnonzero(is_known[:, 0])
-    shares = np.zeros(len(places))
-    shares[now] = _standing(H[now, 0], velocities[now, 0], covariances[now, 0], A[now, 0], a[now, 0])
-    A, a = shares[:, None, None, None] * A, shares[:, None, None] * a
-    others = np.linalg.inv(PRIOR + A.sum(axis=0) - A)
-    rigid = others @ (a.sum(axis=0) - a)[..., None]
-    expected, doubt = (H @ rigid)[..., 0], H @ others @ np.swapaxes(H, -1, -2)
-    logs, means, spreads = _mixture(velocities - expected, covariances, doubt)
-    weights = np.exp(logs - logs.max(axis=0))
-    weights /= weights.sum(axis=0)
-    mean = np.einsum("c...,c...i->...i", weights, means)
-    off = means - mean
-    spread = np.einsum("c...,c...ij->...ij", weights, spreads + off[..., :, None] * off[..., None, :])
-    return expected + mean, spread
+    standing = np.zeros(len(places))
+    if len(now) > 1:
+        standing[now] = _standing(H[now, 0], velocities[now, 0], covariances[now, 0], A[now, 0], a[now, 0])
+    A, a = standing[:, None, None, None] * A, standing[:, None, None] * a
+    doubt = np.linalg.inv(PRIOR + A.sum(axis=0) - A)
+    rigid = doubt @ (a.sum(axis=0) - a)[..., None]
+    return (H @ rigid)[..., 0], H @ doubt @ np.swapaxes(H, -1, -2)
 
 
-def _standing(H, velocities, covariances, A, a):
+def _standing(
+    H: Places, velocities: Vectors, covariances: Squares, A: Matrices, a: Triples
+) -> Float64[np.ndarray, " k"]:
     """Say with which probability each object stands: moves as most of them do."""
     i, j = np.triu_indices(len(H), 1)
     rigid = np.linalg.solve(PRIOR + A[i] + A[j], (a[i] + a[j])[..., None])[..., 0]
     logs = _densities(velocities - np.einsum("kij,pj->pki", H, rigid), covariances)
     best = rigid[np.logaddexp.reduce(logs, axis=0).sum(axis=1).argmax()]
+    standing = np.zeros(len(H))
     for _ in range(N_REFINEMENTS):
         logs = _densities(velocities - H @ best, covariances)
-        shares = np.exp(logs[0] - np.logaddexp.reduce(logs, axis=0))
-        best = np.linalg.solve(PRIOR + np.tensordot(shares, A, 1), shares @ a)
-    return shares
+        standing = np.exp(logs[0] - np.logaddexp.reduce(logs, axis=0))
+        best = np.linalg.solve(PRIOR + np.tensordot(standing, A, 1), standing @ a)
+    return standing
 
 
-def _densities(off, covariances):
-    """Give the log densities of what velocities differ by from those of what stands, for each of SPEEDS."""
+def _mixed(velocities: Vectors, covariances: Squares, expected: Vectors, doubt: Squares) -> tuple[Vectors, Squares]:
+    """Give mean and covariance of velocities that differ by a speed out of SPEEDS from the expected ones."""
+    off = velocities - expected
+    logs = _densities(off, covariances + doubt)
+    weights = np.exp(logs - np.logaddexp.reduce(logs, axis=0))
+    gains = [covariances @ np.linalg.inv(covariances + doubt + sd**2 * np.eye(2)) for _, sd in SPEEDS]
+    means = np.array([velocities - (gain @ off[..., None])[..., 0] for gain in gains])
+    mean = np.einsum("c...,c...i->...i", weights, means)
+    apart = means - mean
+    spreads = covariances - np.array([gain @ covariances for gain in gains])
+    return mean, np.einsum("c...,c...ij->...ij", weights, spreads + apart[..., :, None] * apart[..., None, :])
+
+
+def _densities(off: Vectors, covariances: Float64[np.ndarray, "*l 2 2"]) -> Logs:
+    """Give the log densities of differences to what stands, for each of SPEEDS; up to what these have in common."""
     logs = []
     for share, sd in SPEEDS:
-        total = covariances + sd**2 * np.eye(2)
-        det = total[..., 0, 0] * total[..., 1, 1] - total[..., 0, 1] * total[..., 1, 0]
+        C = covariances + sd**2 * np.eye(2)
+        det = C[..., 0, 0] * C[..., 1, 1] - C[..., 0, 1] ** 2
         x, y = off[..., 0], off[..., 1]
-        distance = (total[..., 1, 1] * x * x - 2.0 * total[..., 0, 1] * x * y + total[..., 0, 0] * y * y) / det
+        distance = (C[..., 1, 1] * x * x - 2.0 * C[..., 0, 1] * x * y + C[..., 0, 0] * y * y) / det
         logs.append(np.log(share) - 0.5 * (np.log(det) + distance))
     return np.array(logs)
-
-
-def _mixture(off, covariances, doubt):
-    """Give log weight, mean and covariance of each of SPEEDS, given velocities that differ by `off` from what stands."""
-    logs, means, spreads = _densities(off, covariances + doubt), [], []
-    for _, sd in SPEEDS:
-        gain = covariances @ np.linalg.inv(covariances + doubt + sd**2 * np.eye(2))
-        means.append(off - (gain @ off[..., None])[..., 0])
-        spreads.append(covariances - gain @ covariances)
-    return logs, np.array(means), np.array(spreads)
