@@ -17,6 +17,7 @@ MOST_CENTERS = 20  # looks that count for where an object's centre is
 # fitted to the errors on simulated training sequences.
 HONEST_SHARE = 0.22
 LEAST_SD = 0.01  # of a velocity [m/s]
+FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
 
 @dataclass(frozen=True)
@@ -124,12 +125,14 @@ class Track:
         covariances = window_kernels.step_covariances(self.place.covariance, 2) / seconds[:, None] ** 2
         arms = (centers - self.place.state[:, 0])[1:, ::-1] * [-1.0, 1.0]
         covariances = covariances + turns * arms[:, :, None] * arms[:, None, :]
+        n_points = np.array([look.n_points for look in self.looks])
+        least = LEAST_SD**2 + (FEW_SD / np.minimum(n_points[1:], n_points[:-1])) ** 2
         return Steps(
             frames=frames[1:],
             lengths=np.diff(frames),
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=np.diff(centers, axis=0) / seconds,
-            covariances=HONEST_SHARE * covariances + LEAST_SD**2 * np.eye(2),
+            covariances=HONEST_SHARE * covariances + least[:, None, None] * np.eye(2),
         )
 
     def yaw_rate(self) -> float:
