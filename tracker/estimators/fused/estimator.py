@@ -61,7 +61,7 @@ class FusedSettings:
     offset_single: float = 1.0
     offset_near: float = 0.5
     shape_changed: float = 2.0
-    learned_changed: float = 0.6
+    learned_changed: float = 1.2
     search_floor: float = 0.1
     search_doubt: float = 4.0
     pose_turn_sd: float = 0.001
