@@ -49,7 +49,7 @@ def variants() -> dict[str, FusedSettings]:
         "doubt where looks differ": replace(whole, shape_changed=0.0, learned_changed=0.0),
         "steady axes": replace(whole, turns_axes=False),
         "the centre": replace(whole, refers_to_center=False),
-        "parked objects": replace(whole, knows_parked=False),
+        "what stands": replace(whole, knows_parked=False),
     }
 
 

@@ -8,9 +8,10 @@ import pytest
 from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
+from tracker.estimators.contract import look
 from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.sources import Expected, Laid, Look, Shape
+from tracker.estimators.fused.sources import Expected, Laid, Learned, Look, Shape
 from tracker.estimators.fused.track import Steps
 from tracker.estimators.fused.window import MotionModel, Window, solve
 from tracker.types import EstimateStatus
@@ -108,7 +109,8 @@ def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     place = cloud.mean(axis=0)[:2]
     motion = planar.to_transform(np.array([0.8, 0.1, 0.02]), np.array([*place, 0.0]))
     expected = Expected(planar.to_transform(np.array([0.7, 0.1, 0.0]), np.zeros(3)), 0.3**2 * np.eye(2), 0.05**2)
-    newer = Look(se3.transform(motion, cloud), len(cloud), np.zeros(2), None, None, 1)
+    moved = se3.transform(motion, cloud)
+    newer = Look(moved, len(cloud), np.zeros(2), encoded(moved), 1)
     (found,) = Shape().compare([Laid(cloud, 0, place, expected)], [newer])
     np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
     assert found.turn == pytest.approx(0.02, abs=0.01)
@@ -119,6 +121,24 @@ def test_what_stands_is_taken_to_stand_and_what_rolls_is_not():
     assert parked.probability(window_of([0.0, 0.0], 9)) > 0.98
     assert parked.probability(window_of([0.5, 0.0], 9)) < 0.01
     assert parked.probability(window_of([5.0, 0.0], 9)) < 1e-6
+
+
+def encoded(cloud, class_name="Car"):
+    return Learned().encode([look(replace(segment(cloud, 1), class_name=class_name), None)])[0]
+
+
+def test_persons_are_shown_to_the_network_for_persons():
+    person = np.random.default_rng(0).uniform([9.8, -0.2, -1.6], [10.2, 0.2, 0.1], (60, 3))
+    learned = Learned()
+    looks = [look(replace(segment(person, 1), class_name=name), None) for name in ("Car", "Cyclist", "Pedestrian")]
+    car, cyclist, pedestrian = learned.encode(looks)
+    assert car.network.name == "alignnet"
+    assert cyclist.network is pedestrian.network
+    assert pedestrian.network.name == "alignnet-persons"
+    a, b, c = (Look(person, 60, np.zeros(2), encoding, 1) for encoding in (car, cyclist, pedestrian))
+    mixed, same = learned.ask([(a, b), (b, c)])
+    assert mixed is None
+    np.testing.assert_allclose(same.T_target_source[:2, 3], 0.0, atol=0.1)
 
 
 def seen_steps(places, velocities, sd, n=4):

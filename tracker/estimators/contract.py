@@ -62,6 +62,7 @@ class Sighting:
     """A segment as an estimator looks at it: points in the frame of its velocities, z above the ground.
 
     Attributes:
+        class_name: the data set's own word.
         points: (n, 3) [m]; horizontal axes of the world or of the sensor.
         centroid: mean of the points [m].
         midpoint: middle of the points' bounding box [m]: the reference point of displacements, since the
@@ -73,6 +74,7 @@ class Sighting:
         in_world: whether the axes are the world's; else they are the sensor's, and turn with it.
     """
 
+    class_name: str
     points: Points
     centroid: Point
     midpoint: Point
@@ -90,6 +92,7 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
     midpoint = 0.5 * (points.min(axis=0) + points.max(axis=0))
     sensor = T[:2, 3].copy()
     return Sighting(
+        class_name=segment.class_name,
         points=points,
         centroid=points.mean(axis=0),
         midpoint=midpoint,

@@ -156,10 +156,9 @@ class FusedEstimator(FrameEstimator):
         self._axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
 
     def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
-        seen = list(sightings.values())
-        encoded = self._learned.encode([s.points for s in seen], [s.sensor for s in seen])
+        encoded = self._learned.encode(list(sightings.values()))
         return {
-            key: Look(thinned(s.points), len(s.points), s.sensor, learned, self._learned.center(learned), s.frame)
+            key: Look(thinned(s.points), len(s.points), s.sensor, learned, s.frame)
             for (key, s), learned in zip(sightings.items(), encoded, strict=True)
         }
 
@@ -172,7 +171,7 @@ class FusedEstimator(FrameEstimator):
     def _ask(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
         """Hear the network's opinions of each object; say of which it has one."""
         jobs = self._jobs(known, self.settings.learned_lags)
-        answers = self._learned.ask([(known[key].looks[-lag], new[key].learned) for key, lag in jobs])
+        answers = self._learned.ask([(known[key].looks[-lag], new[key]) for key, lag in jobs])
         told = {}
         for (key, lag), answer in zip(jobs, answers, strict=True):
             if answer is not None:

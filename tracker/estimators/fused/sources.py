@@ -2,19 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
 from registration import planar, se3, uncertainty
-from registration.alignnet.method import AlignNetCars
+from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
 from registration.methods.adh import AnnealedHistograms3D
 from registration.methods.plane_icp import PointToPlaneICP
 from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult, Status, Transform
+from tracker.estimators.contract import Sighting
 from tracker.estimators.fused.window import Square, Vector
-from tracker.types import Vector2
 
+Networks = AlignNetCars | AlignNetPersons
+
+PERSONS = {"pedestrian", "person", "person_sitting", "cyclist"}  # classes that the network for persons is asked about
 KEPT_POINTS = 2000  # of a look, at most
 SHAPE_POINTS = 600  # of those, that are laid on another cloud by planes
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
@@ -34,16 +36,14 @@ class Look:
         points: thinned [m].
         n_points: how many there were.
         sensor: where they were seen from (2) [m].
-        learned: the network's encoding.
-        center: where the network believes the object's centre (2) [m]; None where it cannot tell.
+        learned: what the network makes of it.
         frame: number of the frame in its sequence.
     """
 
     points: Points
     n_points: int
     sensor: Vector
-    learned: Any
-    center: Vector | None
+    learned: "Encoding"
     frame: int
 
 
@@ -134,26 +134,58 @@ class Shape:
         ]
 
 
-class Learned:
-    """Ask AlignNet: each look is encoded once, and compared with any other."""
+@dataclass(frozen=True, slots=True)
+class Encoding:
+    """What a network makes of one look.
 
-    def __init__(self) -> None:
-        """Load the weights."""
-        self._method = AlignNetCars()
+    Attributes:
+        network: the one that made it.
+        cloud: its own encoding.
+    """
 
-    def encode(self, clouds: Sequence[Points], sensors: Sequence[Vector2]) -> list[Any]:
-        """Encode the clouds of a frame."""
-        return self._method.prepare(clouds, sensors)
+    network: Networks
+    cloud: Cloud
 
-    def center(self, encoding: Any) -> Vector | None:
-        """Say where the network believes an object's centre (x, y) [m]."""
-        center = self._method.center(encoding)
+    def center(self) -> Vector | None:
+        """Say where the network believes the object's centre (x, y) [m]; None where it cannot tell."""
+        center = self.network.center(self.cloud)
         return None if center is None else center[:2]
 
-    def ask(self, pairs: Sequence[tuple[Look, Any]]) -> list[RegistrationResult | None]:
-        """Compare many pairs (earlier look, newer encoding) at once; None where the network does not know."""
-        results = self._method.align([(earlier.learned, newer) for earlier, newer in pairs])
-        return [result if result.status is Status.CONVERGED else None for result in results]
+
+class Learned:
+    """Ask AlignNet, that for persons or that for cars: each look is encoded once, and compared with any other."""
+
+    def __init__(self) -> None:
+        """Load the weights for cars; those for persons are loaded when the first one is seen."""
+        self._cars = AlignNetCars()
+        self._persons: AlignNetPersons | None = None
+
+    def encode(self, sightings: Sequence[Sighting]) -> list[Encoding]:
+        """Encode all that is seen in a frame."""
+        networks = [self._network(sighting.class_name) for sighting in sightings]
+        found: dict[int, Encoding] = {}
+        for network in {id(network): network for network in networks}.values():
+            own = [k for k, other in enumerate(networks) if other is network]
+            clouds = network.prepare([sightings[k].points for k in own], [sightings[k].sensor for k in own])
+            found.update((k, Encoding(network, cloud)) for k, cloud in zip(own, clouds, strict=True))
+        return [found[k] for k in range(len(sightings))]
+
+    def ask(self, pairs: Sequence[tuple[Look, Look]]) -> list[RegistrationResult | None]:
+        """Compare many pairs (earlier, newer look) at once; None where the network does not know."""
+        answers: list[RegistrationResult | None] = [None] * len(pairs)
+        for network in {id(newer.learned.network): newer.learned.network for _, newer in pairs}.values():
+            own = [k for k, pair in enumerate(pairs) if all(look.learned.network is network for look in pair)]
+            results = network.align([(pairs[k][0].learned.cloud, pairs[k][1].learned.cloud) for k in own])
+            for k, result in zip(own, results, strict=True):
+                answers[k] = result if result.status is Status.CONVERGED else None
+        return answers
+
+    def _network(self, class_name: str) -> Networks:
+        if class_name.lower() not in PERSONS:
+            return self._cars
+        if self._persons is None:
+            self._persons = AlignNetPersons()
+        return self._persons
 
 
 def thinned(points: Points, most: int = KEPT_POINTS) -> Points:

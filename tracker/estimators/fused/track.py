@@ -104,7 +104,7 @@ class Track:
 
     def refer_to_center(self) -> None:
         """Let the network's opinion of the latest look count for where the centre is."""
-        center = self.looks[-1].center
+        center = self.looks[-1].learned.center()
         if center is not None:
             own = planar.rotation(-float(self.turn.state[-1, 0, 0])) @ (center - self.place.state[-1, 0])
             self.n_centers = min(self.n_centers + 1, MOST_CENTERS)
