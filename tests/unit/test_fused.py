@@ -143,10 +143,9 @@ def test_persons_are_shown_to_the_network_for_persons():
 
 def seen_steps(places, velocities, sd, n=4):
     """Give the same velocity in each of n steps, half-way at the same place."""
+    frames, lengths = np.arange(1, n + 1), np.ones(n, dtype=np.int64)
     return [
-        Steps(
-            np.arange(1, n + 1), np.ones(n, dtype=np.int64), *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1))
-        )
+        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1)))
         for *pair, C in zip(places, velocities, [s**2 * np.eye(2) for s in sd], strict=True)
     ]
 
@@ -173,7 +172,7 @@ def test_an_object_alone_stays_as_it_is_and_two_that_differ_nearly_so():
 
 def test_steps_over_a_frame_without_points_are_not_weighed():
     first, second = seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [3.1, 1.0]], [0.2, 0.2])
-    gap = replace(first, frames=np.array([0, 1, 3, 4]), lengths=np.array([1, 1, 2, 1]))
+    gap = replace(first, numbers=np.array([0, 1, 3, 4]), lengths=np.array([1, 1, 2, 1]))
     settled = scene.settle([gap, second])
     np.testing.assert_array_equal(settled[0].velocities[2], first.velocities[2])
     assert settled[0].velocities[3, 0] > first.velocities[3, 0]

@@ -58,7 +58,7 @@ def settle(tracks: Sequence[Steps]) -> list[Steps]:
 
 def _slots(steps: Steps, n: int) -> tuple[Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]:
     """Say which of an object's steps are from one frame to the next, and how many frames ago they ended, below n."""
-    back = steps.frames[-1] - steps.frames
+    back = steps.numbers[-1] - steps.numbers
     own = np.flatnonzero((back < n) & (steps.lengths == 1))
     return own, back[own]
 

@@ -26,13 +26,15 @@ class Steps:
 
     Attributes:
         frames: number of the frame that each step leads to, in its sequence.
-        lengths: how many frames each step takes; more than one where nothing was seen in between.
+        numbers: the same among the frames that the estimator was shown.
+        lengths: how many of these each step takes; more than one where nothing was seen of the object in between.
         places: of the centre half-way [m].
         velocities: [m/s].
         covariances: of these.
     """
 
     frames: Int64[np.ndarray, " n"]
+    numbers: Int64[np.ndarray, " n"]
     lengths: Int64[np.ndarray, " n"]
     places: Float64[np.ndarray, "n 2"]
     velocities: Float64[np.ndarray, "n 2"]
@@ -119,7 +121,7 @@ class Track:
 
     def steps(self) -> Steps:
         """Read what is known now of each step."""
-        centers, frames = self.centers(), np.array([look.frame for look in self.looks])
+        centers, numbers = self.centers(), np.array(self.place.axes)
         seconds = np.diff(self.place.times)[:, None]
         turns = window_kernels.step_covariances(self.turn.covariance, 1) / seconds[:, None] ** 2
         covariances = window_kernels.step_covariances(self.place.covariance, 2) / seconds[:, None] ** 2
@@ -128,8 +130,9 @@ class Track:
         n_points = np.array([look.n_points for look in self.looks])
         least = LEAST_SD**2 + (FEW_SD / np.minimum(n_points[1:], n_points[:-1])) ** 2
         return Steps(
-            frames=frames[1:],
-            lengths=np.diff(frames),
+            frames=np.array([look.frame for look in self.looks[1:]]),
+            numbers=numbers[1:],
+            lengths=np.diff(numbers),
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=np.diff(centers, axis=0) / seconds,
             covariances=HONEST_SHARE * covariances + least[:, None, None] * np.eye(2),
@@ -137,8 +140,8 @@ class Track:
 
     def yaw_rate(self) -> float:
         """Give the rate of turn over the latest step [rad/s]."""
-        turns = self.turn.state[-2:, 0, 0]
-        return float((turns[1] - turns[0]) / (self.turn.times[-1] - self.turn.times[-2]))
+        (rate,), _ = self.turn.step()
+        return float(rate)
 
     def step_covariance(self, lag: int) -> Square:
         """Give the covariance of where the object is now against where it was `lag` frames ago [m^2]."""

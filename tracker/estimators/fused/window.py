@@ -105,11 +105,10 @@ class Window:
         """Give place plus offset of frame i: where what was seen of the object was."""
         return self.state[i, 0] + self.state[i, 2]
 
-    def step(self, j: int = -1) -> tuple[Vector, Square]:
-        """Give the mean rate over the step that ends at frame j, and its covariance."""
-        j %= len(self)
-        dt = self.times[j] - self.times[j - 1]
-        return (self.state[j, 0] - self.state[j - 1, 0]) / dt, self.difference(j - 1, j) / dt**2
+    def step(self) -> tuple[Vector, Square]:
+        """Give the mean rate over the latest step, and its covariance."""
+        dt = self.times[-1] - self.times[-2]
+        return (self.state[-1, 0] - self.state[-2, 0]) / dt, self.difference(-2) / dt**2
 
     def difference(self, i: int, j: int = -1, is_seen: bool = False) -> Square:
         """Give the covariance of the difference of place, or of place plus offset, between frames i and j."""
