@@ -69,6 +69,7 @@ def _error_against_range(comparison: Comparison, found: Sequence[dict[str, Any]]
             top.plot(middle, errors, style, color=_color(comparison, estimator), marker="o", ms=4, label=label)
     top.set(ylabel="RMSE of the velocity vector [m/s]", yscale="log")
     top.set_title(f"Velocity error against range ({comparison.config.frame} frame, truth: {comparison.truth})")
+    top.yaxis.set_minor_locator(ticker.LogLocator(subs=(2.0, 3.0, 5.0)))
     for axis_ticks in (top.yaxis.set_major_formatter, top.yaxis.set_minor_formatter):
         axis_ticks(ticker.FormatStrFormatter("%.2g"))
     top.grid(True, which="both", alpha=0.3)
