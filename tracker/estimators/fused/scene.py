@@ -37,7 +37,7 @@ def settle(tracks: Sequence[Steps]) -> list[Steps]:
     Args:
         tracks: of one frame; the latest step of each leads to it.
     """
-    if len(tracks) < 2:  # noqa: PLR2004
+    if not tracks[1:]:
         return list(tracks)
     n = max(len(steps.frames) for steps in tracks)
     slots = [_slots(steps, n) for steps in tracks]

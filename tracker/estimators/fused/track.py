@@ -7,7 +7,7 @@ from jaxtyping import Float64, Int64
 
 from registration import planar
 from tracker.estimators.contract import Sighting
-from tracker.estimators.fused import window_kernels
+from tracker.estimators.fused import motion_kernels
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.sources import Evidence, Look
 from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
@@ -123,8 +123,8 @@ class Track:
         """Read what is known now of each step."""
         centers, numbers = self.centers(), np.array(self.place.axes)
         seconds = np.diff(self.place.times)[:, None]
-        turns = window_kernels.step_covariances(self.turn.covariance, 1) / seconds[:, None] ** 2
-        covariances = window_kernels.step_covariances(self.place.covariance, 2) / seconds[:, None] ** 2
+        turns = motion_kernels.step_covariances(self.turn.covariance, 1) / seconds[:, None] ** 2
+        covariances = motion_kernels.step_covariances(self.place.covariance, 2) / seconds[:, None] ** 2
         arms = (centers - self.place.state[:, 0])[1:, ::-1] * [-1.0, 1.0]
         covariances = covariances + turns * arms[:, :, None] * arms[:, None, :]
         n_points = np.array([look.n_points for look in self.looks])

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import planar
-from tracker.estimators.fused import heading, window_kernels
+from tracker.estimators.fused import heading, motion_kernels, window_kernels
 from tracker.estimators.fused.heading import Heading
 
 Vector = Float64[np.ndarray, " d"]
@@ -136,7 +136,7 @@ class Window:
         shake = np.zeros((d, d)) if shake is None else shake
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         model = (float(self.model.density), shake, float(offset_sd))
-        self.state, self.covariance = window_kernels.advance(self.state, self.covariance, dt, turned, model, is_full)
+        self.state, self.covariance = motion_kernels.advance(self.state, self.covariance, dt, turned, model, is_full)
         self.times.append(time)
         self.axes.append(axes.latest)
         self.shakes.append(shake)

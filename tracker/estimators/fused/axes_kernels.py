@@ -1,0 +1,107 @@
+"""The axes that all objects of a frame share, in their common least squares; compiled by numba.
+
+Source: elimination as in bundle adjustment, Triggs et al., "Bundle adjustment - a modern synthesis", 2000, section 6.1.
+"""
+
+import typing
+
+import numpy as np
+from numba import njit
+
+from tracker.estimators.fused import heavy_tails, motion_kernels
+
+FIXED = 1e8  # information of the first angle [1/rad^2]
+TURN_TAILS = (3.0, 4.0)  # degrees of freedom of the errors of what is heard of turns, and of their rate's change
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def of_turns(axes, angles, rates):
+    """Give the system of changes of the axes' angles and rates, from what is known of these alone."""
+    G = len(axes.times)
+    A, a = np.zeros((2 * G, 2 * G)), np.zeros(2 * G)
+    A[0, 0] = FIXED
+    A[G, G] = 1.0 / axes.first_rate[1]
+    a[G] = (axes.first_rate[0] - rates[0]) / axes.first_rate[1]
+    u, at = np.empty(4), np.empty(4, np.int64)
+    for g in range(G - 1):
+        motion = motion_kernels.information(axes.times[g + 1] - axes.times[g], axes.density, np.zeros((1, 1)), 1)
+        at[0], at[1], at[2], at[3] = g, G + g, g + 1, G + g + 1
+        u[0], u[1], u[2], u[3] = angles[g], rates[g], angles[g + 1], rates[g + 1]
+        pull = motion @ u
+        weight = heavy_tails.weight(TURN_TAILS[1], 2, u @ pull)
+        for p in range(4):
+            a[at[p]] -= weight * pull[p]
+            for q in range(4):
+                A[at[p], at[q]] += weight * motion[p, q]
+    for h in range(len(axes.heard)):
+        i, j = int(axes.heard[h, 0]), int(axes.heard[h, 1])
+        off = axes.heard[h, 2] - (angles[j] - angles[i])
+        weight = heavy_tails.weight(TURN_TAILS[0], 1, off**2 * axes.heard[h, 3]) * axes.heard[h, 3]
+        a[j] += weight * off
+        a[i] -= weight * off
+        A[i, i] += weight
+        A[j, j] += weight
+        A[i, j] -= weight
+        A[j, i] -= weight
+    return A, a
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def to_steady(windows, angles, D):
+    """Turn each frame's axes to the steady ones (N, D, D); a turn itself is no vector, and needs none."""
+    found = np.ones((len(windows.times), D, D))
+    if D > 1:
+        for f in range(len(windows.times)):
+            angle = angles[windows.axes[f]] if windows.axes[f] >= 0 else windows.angles[f]
+            c, s = np.cos(angle), np.sin(angle)
+            found[f] = np.array([[c, -s], [s, c]])
+    return found
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def in_own_axes(x, H, levers, common, windows, angles, D):
+    """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H."""
+    state, rotations = np.zeros(windows.state.shape), to_steady(windows, angles, D)
+    frame = 0
+    for k in range(len(windows.sizes)):
+        m = 3 * D * windows.sizes[k]
+        turn, lever = np.zeros((m, m)), levers[k, :m].copy()
+        for j in range(windows.sizes[k]):
+            R = rotations[frame].T
+            for p in range(3):
+                at = (3 * j + p) * D
+                turn[at : at + D, at : at + D] = R
+                state[frame, p] = R @ x[k, at : at + D]
+            frame += 1
+        lever = turn @ lever
+        for j in range(windows.sizes[k]):
+            f = frame - windows.sizes[k] + j
+            if D == 2 and windows.axes[f] >= 0:
+                lever[3 * j * D, windows.axes[f]] += state[f, 0, 1]
+                lever[3 * j * D + 1, windows.axes[f]] -= state[f, 0, 0]
+        own = turn @ np.linalg.inv(H[k, :m, :m].copy()) @ turn.T
+        H[k, :m, :m] = own + lever @ common @ lever.T
+    return state
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def add_lever(L, A, a, numbers, at, ends, step, information):
+    """Add how a comparison's step in steady axes changes with the angles of both frames."""
+    for s in range(2):
+        if numbers[s] < 0:
+            continue
+        sign = 1.0 - 2.0 * s
+        x = sign * (information[0, 1] * ends[s, 0] - information[0, 0] * ends[s, 1])
+        y = sign * (information[1, 1] * ends[s, 0] - information[1, 0] * ends[s, 1])
+        a[numbers[s]] -= x * step[0] + y * step[1]
+        for t in range(2):
+            sign = 1.0 - 2.0 * t
+            if numbers[t] >= 0:
+                A[numbers[s], numbers[t]] += sign * (y * ends[t, 0] - x * ends[t, 1])
+            for p in range(0, 6, 4):  # place and offset
+                L[at[t] + p, numbers[s]] -= sign * x
+                L[at[t] + p + 1, numbers[s]] -= sign * y
