@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from tracker.estimators.fused import parked
 from tracker.estimators.fused.track import Steps
 
-# How fast objects move against what stands, before anything is known: share of all, and standard deviation of each of
-# vx, vy [m/s].  The first stand; slow ones have a share of their own, so that one that rolls is not taken to stand.
-SPEEDS = ((0.5, 0.15), (0.1, 0.5), (0.1, 2.0), (0.3, 8.0))
+# How fast objects move against what stands: share of all, and standard deviation of each of vx, vy [m/s].  The first
+# stand; how exactly was fitted on simulated training sequences, whose labels wobble.
+SPEEDS = ((parked.STANDING, 0.15), *parked.MOVING)
 # Information about the sensor's own velocity and turn before anything was seen: 30 m/s, 0.4 rad/s.
 PRIOR = np.diag([30.0**-2, 30.0**-2, 0.4**-2])
 N_REFINEMENTS = 4
