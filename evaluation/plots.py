@@ -41,7 +41,7 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
     paths = []
     for name, figure in pictures.items():
         path = out / f"{name}.png"
-        figure.savefig(path, dpi=130)
+        figure.savefig(path, dpi=130, bbox_inches="tight")
         plt.close(figure)
         paths.append(path)
     return paths
