@@ -21,7 +21,8 @@ LARGEST_EXTENT = 1e12  # [m]; beyond it, and where numbers overflow, one cell ho
 ROUNDING = 1e-6  # a search reaches this share of a cell farther, so that rounding hides no cell
 CLOSE = 1e-9  # lists are given up this much before they have to be [m]
 LINE = 0.01  # neighbours lie on a line whose second scatter is less than this share of the first
-UPRIGHT = 0.5  # a plane tells of horizontal motion when its normal's horizontal part is longer than this
+UPRIGHT = 0.5  # a plane counts as upright when its normal's horizontal part is longer than this, ...
+FLAT = 0.2  # ... and as flat, telling of z alone, when it is shorter than this
 LARGEST_TURN = 0.2  # of one update [rad]
 LISTED = 4  # target points that a source point remembers
 
@@ -410,14 +411,16 @@ def point_to_plane(  # noqa: PLR0913
     """Align pairs `begin` to `end` of a batch by bringing points onto their neighbours' planes.
 
     As `point_to_point`, and: `normals` of the targets' points; `limits`: (max_distance [m], max_iterations, tolerance
-    [m and rad], min_points, noise [m], robust_scale [m], independent pairs); `beliefs[k]`: inverse covariance of the
-    start; `informations[k]` becomes what the planes alone say of the motion: an inverse covariance too.
+    [m and rad], min_points, noise [m], robust_scale [m], independent pairs, belief about the change of height [1/m^2]);
+    `beliefs[k]`: inverse covariance of the start; `informations[k]` becomes what the planes alone say of the motion, an
+    inverse covariance too; `outcomes[k]` ends with the change of height beside that of the centroids [m].
     """
     for k in range(begin, end):
         source = sources[source_begin[k] : source_begin[k + 1]]
         a, b = points_begin[k], points_begin[k + 1]
         target_first = first[first_begin[k] : first_begin[k + 1]]
-        outcomes[k, 0], outcomes[k, 1], outcomes[k, 2], outcomes[k, 3] = _align_planes(
+        row = outcomes[k]
+        row[0], row[1], row[2], row[3], row[4] = _align_planes(
             source, points[a:b], target_first, frames[k], normals[a:b], limits, beliefs[k], motions[k], informations[k]
         )
 
@@ -425,28 +428,60 @@ def point_to_plane(  # noqa: PLR0913
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def _align_planes(source, points, first, frame, normals, limits, belief, motion, information):  # noqa: PLR0913
-    max_distance, max_iterations, tolerance, min_points, noise, robust_scale, independent = limits
+    max_distance, max_iterations, tolerance, min_points, noise, robust_scale, independent, height_belief = limits
     fewest = min(len(source), len(points))
     if fewest == 0 or fewest < min_points:
-        return EMPTY if fewest == 0 else TOO_FEW_POINTS, 0, np.nan, 0
+        return EMPTY if fewest == 0 else TOO_FEW_POINTS, 0, np.nan, 0, 0.0
     memory, rows = nothing_paired(source)
-    start, gradient = motion.copy(), np.zeros(3)
+    start, lift = motion.copy(), 0.0
+    known, full, gradient = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4)
+    known[:3, :3], known[3, 3] = belief, height_belief
     n_pairs, rmse = 0, np.nan
     for iteration in range(1, max_iterations + 1):
         n_pairs, rmse = pair_up(points, first, frame, motion, max_distance, memory, rows)
         if n_pairs < min_points:
-            return NO_OVERLAP, 0, np.nan, iteration - 1
+            return NO_OVERLAP, 0, np.nan, iteration - 1, lift
         n_planes = _compare_with_planes(
-            points, normals, motion, max_distance, robust_scale, memory, rows, information, gradient
+            points, normals, motion, max_distance, robust_scale, memory, rows, full, gradient
         )
         weight = min(1.0, independent / max(n_planes, 1)) / noise**2
-        information *= weight
-        step = np.linalg.solve(information + belief, -weight * gradient - belief @ (motion - start))
-        longest = max(np.hypot(step[0], step[1]) / max_distance, abs(step[2]) / LARGEST_TURN, 1.0)
-        motion += step / longest
+        full *= weight
+        gradient *= -weight
+        gradient[:3] -= belief @ (motion - start)
+        gradient[3] -= height_belief * lift
+        step = np.linalg.solve(full + known, gradient)
+        longest = max(np.hypot(step[0], step[1]), abs(step[3]))
+        step /= max(longest / max_distance, abs(step[2]) / LARGEST_TURN, 1.0)
+        motion += step[:3]
+        _without_height(full, height_belief, information)
         if np.hypot(step[0], step[1]) < tolerance and abs(step[2]) < tolerance:
-            return CONVERGED, n_pairs, rmse, iteration
-    return NOT_CONVERGED, n_pairs, rmse, max_iterations
+            return CONVERGED, n_pairs, rmse, iteration, lift
+        if abs(step[3]) > tolerance:  # less would make all points ask the grid again for nothing
+            lift += step[3]
+            _lift(points, step[3], memory, rows)
+    return NOT_CONVERGED, n_pairs, rmse, max_iterations, lift
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _without_height(full, height_belief, information):
+    """Leave out the height: what is known of (x, y, yaw) while it is unknown, but for a belief."""
+    height = full[3, 3] + height_belief
+    for a in range(3):
+        for b in range(3):
+            information[a, b] = full[a, b] - full[a, 3] * full[3, b] / height
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _lift(points, step, memory, rows):
+    """Lift all source points; what is on no list may have come nearer by as much."""
+    for i in range(memory.shape[1]):
+        memory[Z, i] += step
+        memory[BEYOND, i] -= abs(step)
+        for k in range(LISTED):
+            if rows[k, i] >= 0:
+                memory[LIST_DZ2 + k, i] = (points[rows[k, i], 2] - memory[Z, i]) ** 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -454,26 +489,28 @@ def _align_planes(source, points, first, frame, normals, limits, belief, motion,
 def _compare_with_planes(points, normals, motion, within, robust_scale, memory, rows, information, gradient):  # noqa: PLR0913
     """Set up J'WJ and J'Wr of the distances r to the partners' planes; give the number of planes that tell something.
 
-    r = n (R s + t - q), J = (n_x, n_y, n_y a_x - n_x a_y) with the arm a = R s; the weight of a pair is Geman &
-    McClure's, 1 / (1 + (r / robust_scale)^2)^2.  Planes that lie flat say nothing of x, y and yaw.
+    r = n (R s + t - q), J = (n_x, n_y, n_y a_x - n_x a_y, n_z) with the arm a = R s; the weight of a pair is Geman &
+    McClure's, 1 / (1 + (r / robust_scale)^2)^2.  Those that are not upright are not counted.
     """
     information[:] = 0.0
     gradient[:] = 0.0
-    J, n_planes = np.zeros(3), 0
+    J, n_planes = np.zeros(4), 0
     for i in range(memory.shape[1]):
         row = rows[int(memory[NEAREST, i]), i]
         if not memory[DISTANCE2, i] < within**2:
             continue
         n_x, n_y, n_z = normals[row, 0], normals[row, 1], normals[row, 2]
-        if n_x**2 + n_y**2 < UPRIGHT**2:
-            continue
-        n_planes += 1
+        steepness2 = n_x**2 + n_y**2
+        n_planes += 1 if steepness2 > UPRIGHT**2 else 0
         x, y = memory[X_NOW, i], memory[Y_NOW, i]
         r = n_x * (x - points[row, 0]) + n_y * (y - points[row, 1]) + n_z * (memory[Z, i] - points[row, 2])
         weight = 1.0 / (1.0 + (r / robust_scale) ** 2) ** 2
-        J[0], J[1], J[2] = n_x, n_y, n_y * (x - motion[0]) - n_x * (y - motion[1])
-        for a in range(3):
+        J[:] = 0.0
+        J[3] = n_z
+        if steepness2 > FLAT**2:
+            J[0], J[1], J[2] = n_x, n_y, n_y * (x - motion[0]) - n_x * (y - motion[1])
+        for a in range(4):
             gradient[a] += weight * J[a] * r
-            for b in range(3):
+            for b in range(4):
                 information[a, b] += weight * J[a] * J[b]
     return n_planes

@@ -21,11 +21,12 @@ PLANE_SHARED = 5.7e-4  # ... many pairs share their errors: this, with the squar
 PLANE_SAMPLING = (
     0.98  # ... few points make poor planes: this, over the square root of the points of the smaller cloud, ...
 )
-PLANE_APART = 0.48  # ... and clouds may show different parts: this times the share that has no partner
+PLANE_APART = 0.48  # ... and clouds may show different parts: this times the share of the source that has no partner
 UNSETTLED = 2.1  # factor where the iterations did not come to rest
 PLANE_FLOOR = 0.01  # standard deviation of any shift [m]
 CENTROIDS_SHARE = 0.53  # factor of `uncertainty.of_centroids`' standard deviations for clouds that overlap; ...
 CENTROIDS_APART = 2.4  # ... share of the extent by which their centroids differ if nothing overlaps
+BELIEVED_LIFT = 0.1  # standard deviation of the change in z about that of the centroids [m]
 _ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
 
 
@@ -50,9 +51,11 @@ class Surface(Cloud):
 
 @dataclass(frozen=True)
 class PointToPlaneICP(BatchMethod):
-    """Minimise the distances of points to the planes about their nearest neighbours, over (x, y, yaw).
+    """Minimise the distances of points to the planes about their nearest neighbours, over (x, y, yaw, z).
 
-    Normals are the target's; those that point up or down tell nothing of a horizontal motion and are left out.
+    Normals are the target's.  z is a nuisance: solved for, kept in the result's shift, not in its covariance.  Where
+    other parts are seen of an object, centroids rise or sink, and sloping planes (hoods, windscreens) would take
+    that for a motion along the ground.
     Pairs lose weight as their distance grows (Geman & McClure), and all together count as no more than
     `independent_pairs`.  The start, the centroids' shift with its own covariance or the prior, enters as one more
     measurement: it keeps the motion where the planes leave it open, as along the side of a car or with a single
@@ -98,7 +101,7 @@ class PointToPlaneICP(BatchMethod):
     ) -> list[RegistrationResult]:
         """Iterate each pair from its start by damped Gauss-Newton steps."""
         n = len(pairs)
-        motions, outcomes, informations = iterative.starts(pairs, priors), np.empty((n, 4)), np.zeros((n, 3, 3))
+        motions, outcomes, informations = iterative.starts(pairs, priors), np.empty((n, 5)), np.zeros((n, 3, 3))
         doubts = np.array([_doubt(*pair, prior) for pair, prior in zip(pairs, priors, strict=True)])
         sources, begin = neighbours.pack_arrays([source.grid.points for source, _ in pairs])
         targets = neighbours.pack([target.grid for _, target in pairs])
@@ -118,8 +121,8 @@ class PointToPlaneICP(BatchMethod):
             )
         ]
 
-    def _limits(self) -> tuple[float, int, float, int, float, float, float]:
-        floats = (float(self.noise), float(self.robust_scale), float(self.independent_pairs))
+    def _limits(self) -> tuple[float, int, float, int, float, float, float, float]:
+        floats = (float(self.noise), float(self.robust_scale), float(self.independent_pairs), BELIEVED_LIFT**-2)
         return (float(self.max_distance), self.max_iterations, float(self.tolerance), self.min_points, *floats)
 
     def _result(
@@ -133,6 +136,7 @@ class PointToPlaneICP(BatchMethod):
         source, target = pair
         status, n_pairs = iterative.STATUS[int(outcome[0])], int(outcome[1])
         T = iterative.transform(motion, source, target)
+        T[2, 3] += outcome[4]
         if status not in (Status.CONVERGED, Status.NOT_CONVERGED):
             return iterative.fallback(source, target, T, status)
         is_settled = status is Status.CONVERGED
@@ -165,8 +169,8 @@ def covariance_of_planes(
     Args:
         information: what the planes say of (x, y, yaw), for a variance of 1 m^2.
     """
-    fewest, most = sorted((len(source.points), len(target.points)))
-    apart = 1.0 - n_pairs / most
+    fewest = min(len(source.points), len(target.points))
+    apart = 1.0 - n_pairs / len(source.points)
     variance = PLANE_SHARED**2 * n_pairs + PLANE_SAMPLING**2 / fewest + PLANE_APART**2 * apart**2
     if not is_settled:
         variance *= UNSETTLED**2

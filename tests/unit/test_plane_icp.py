@@ -91,6 +91,23 @@ def test_two_points_one_place_and_a_pole_have_no_plane():
     assert not normals_of(np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 1.5], 20)).any()
 
 
+def test_a_roof_that_comes_into_view_does_not_slide_sloping_planes():
+    rng = np.random.default_rng(3)
+
+    def car(n, has_roof):
+        side = np.column_stack([rng.uniform(-2.0, 2.0, n), np.full(n, -0.9), rng.uniform(0.0, 0.8, n)])
+        along = rng.uniform(0.8, 2.0, n)
+        slope = np.column_stack([along, rng.uniform(-0.9, 0.9, n), 1.4 - 0.6 * (along - 0.8)])
+        roof = np.column_stack([rng.uniform(-1.5, 0.8, n // 3), rng.uniform(-0.9, 0.9, n // 3), np.full(n // 3, 1.4)])
+        hood = np.column_stack([rng.uniform(2.0, 3.0, n), rng.uniform(-0.9, 0.9, n), np.full(n, 0.68)])
+        return np.concatenate([side, slope, hood, roof] if has_roof else [side, slope, hood]) + PLACE
+
+    source, target = car(300, has_roof=False), car(300, has_roof=True) + [0.1, 0.0, 0.0]
+    prior = MotionPrior(np.zeros(3), np.diag([0.2, 0.2, 0.02]) ** 2)
+    result = plane_icp().register(source, target, prior)
+    np.testing.assert_allclose(result.T_target_source[:3, 3], [0.1, 0.0, 0.0], atol=0.015)
+
+
 def test_a_floor_tells_nothing_of_a_horizontal_motion_and_is_said_not_to():
     rng = np.random.default_rng(2)
     floor = np.column_stack([rng.uniform(-2, 2, (800, 2)), rng.normal(0, 0.01, 800)]) + PLACE

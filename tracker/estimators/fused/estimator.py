@@ -41,9 +41,10 @@ class FusedSettings:
             case, of a single point of many, and of a single point that is all that is seen [m].
         offset_near: the same at 1 m from the sensor, falling with the range squared: what is close changes its look
             from scan to scan [m].
-        shape_changed, learned_changed: standard deviation of a comparison of looks that share nothing, as when an
-            object comes out from behind another one: a part that grows pulls the whole along.  It goes with the square
-            of the share of points that came or went, beside those that the range explains [m].
+        shape_changed, learned_changed: standard deviation of a comparison of looks that share nothing, by histograms
+            and by the network, as when an object comes out from behind another one: a part that grows pulls the whole
+            along.  It goes with the square of the share of points that came or went, beside those that the range
+            explains [m].
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
@@ -58,8 +59,8 @@ class FusedSettings:
     learned_lags: tuple[int, ...] = (1, 3, 8)
     offset_floor: float = 0.005
     offset_sampling: float = 0.05
-    offset_single: float = 1.0
-    offset_near: float = 0.5
+    offset_single: float = 0.5
+    offset_near: float = 0.25
     shape_changed: float = 2.0
     learned_changed: float = 1.2
     search_floor: float = 0.1
@@ -191,9 +192,9 @@ class FusedEstimator(FrameEstimator):
             track, expected = known[key], self._expected(known[key], new[key], lag)
             laid.append(Laid(track.looks[-lag].points, number[key], track.place.seen(-1 - lag), expected))
         found = self._shape.compare(laid, [new[key] for key in known])
-        doubts = [self.settings.shape_changed * known[key].changed(lag, new[key]) for key, lag in jobs]
-        for (key, lag), evidence, doubt in zip(jobs, found, doubts, strict=True):
-            known[key].hear(lag, evidence.doubted(doubt), self._axes)
+        for (key, lag), evidence in zip(jobs, found, strict=True):
+            doubt = self.settings.shape_changed * known[key].changed(lag, new[key])
+            known[key].hear(lag, evidence.doubted(doubt) if evidence.was_searched else evidence, self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}
 

@@ -25,6 +25,8 @@ TURN_SAMPLING = 1.0
 TURN_SHARE = 0.2  # of the variance of a turn that plane-icp claims; fitted on simulated training sequences
 # Factor of the covariances that the network claims: it was trained on simulated scans only, and costs nothing there.
 NETWORK_DOUBT = 4.0
+FEW_POINTS = 25  # clouds with fewer are searched for around, ...
+SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
 
 
@@ -56,12 +58,14 @@ class Evidence:
         information: inverse covariance of that (2, 2).
         turn: [rad].
         turn_variance: [rad^2]; infinite where no turn was measured.
+        was_searched: annealed histograms had a say; they match what is seen as a whole.
     """
 
     step: Vector
     information: Square
     turn: float
     turn_variance: float
+    was_searched: bool = False
 
     def doubted(self, sd: float) -> "Evidence":
         """Add an error of the displacement in both directions [m]."""
@@ -102,17 +106,18 @@ class Laid:
 
 
 class Shape:
-    """Lay earlier points on the newer ones: annealed histograms find the place, point-to-plane ICP the rest.
+    """Lay earlier points on the newer ones, by planes.
 
-    The histograms see all places around, so that a wrong expectation is a handicap and no prison; what they find is
-    the belief that the planes refine.  The expectation's own information is taken out again: it comes from the same
-    window that the evidence goes to.
+    Where the place is not surely known, annealed histograms, which see all places around, find it first; what they
+    find is the belief that the planes refine.  Elsewhere they are not asked: they match all that is seen, and where
+    a part of the object comes into view they slide along with it, and are sure.
+    The expectation's own information is taken out again: it comes from the same window that the evidence goes to.
     """
 
     def __init__(self) -> None:
         """Create both methods."""
         self._search = AnnealedHistograms3D()
-        self._planes = PointToPlaneICP(independent_pairs=200.0)
+        self._planes = PointToPlaneICP(independent_pairs=200.0, robust_scale=0.05, normal_neighbours=10)
 
     def compare(self, laid: Sequence[Laid], newer: Sequence[Look]) -> list[Evidence]:
         """Lay many earlier looks on newer ones at once; several may be laid on the same one."""
@@ -121,17 +126,39 @@ class Shape:
         moved = [se3.transform(job.expected.T, job.earlier) for job in laid]
         targets = [newer[job.newer] for job in laid]
         priors = [_prior(job.expected, a, b.points) for job, a, b in zip(laid, moved, targets, strict=True)]
-        surroundings = self._search.prepare([look.points for look in newer], [look.sensor for look in newer])
-        sources = self._search.prepare(moved, [look.sensor for look in targets])
-        found = self._search.align([(a, surroundings[job.newer]) for a, job in zip(sources, laid, strict=True)], priors)
-        beliefs = [_belief(result, job.expected.turn_variance) for result, job in zip(found, laid, strict=True)]
-        surfaces = self._planes.prepare([thinned(look.points, SHAPE_POINTS) for look in newer])
+        found = self._searched(laid, moved, targets, priors)
+        beliefs = [
+            prior if result is None else _belief(result, job.expected.turn_variance)
+            for prior, result, job in zip(priors, found, laid, strict=True)
+        ]
+        surfaces = self._planes.prepare([look.points for look in newer])
         sources = self._planes.prepare([thinned(cloud, SHAPE_POINTS) for cloud in moved])
         refined = self._planes.align([(a, surfaces[job.newer]) for a, job in zip(sources, laid, strict=True)], beliefs)
         return [
             _evidence_of_shape(before, after, job, min(len(cloud), len(look.points)))
             for before, after, job, cloud, look in zip(found, refined, laid, moved, targets, strict=True)
         ]
+
+    def _searched(
+        self, laid: Sequence[Laid], moved: Sequence[Points], targets: Sequence[Look], priors: Sequence[MotionPrior]
+    ) -> list[RegistrationResult | None]:
+        """Search around, where what is expected is not sure enough or points are too few for planes."""
+        found: list[RegistrationResult | None] = [None] * len(laid)
+        own = [k for k, job in enumerate(laid) if _is_searched(job, moved[k], targets[k])]
+        sources = self._search.prepare([moved[k] for k in own], [targets[k].sensor for k in own])
+        surroundings = self._search.prepare([targets[k].points for k in own], [targets[k].sensor for k in own])
+        results = self._search.align(list(zip(sources, surroundings, strict=True)), [priors[k] for k in own])
+        for k, result in zip(own, results, strict=True):
+            found[k] = result
+        return found
+
+
+def _is_searched(job: Laid, moved: Points, target: Look) -> bool:
+    """Say whether the place is not known well enough for planes, or points are too few."""
+    covariance = job.expected.covariance
+    if covariance is None or min(len(moved), len(target.points)) < FEW_POINTS:
+        return True
+    return bool(np.linalg.eigvalsh(covariance)[-1] > SURE**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,10 +237,15 @@ def _belief(found: RegistrationResult, turn_variance: float) -> MotionPrior:
     return MotionPrior(found.motion_about(found.source_centroid), covariance)
 
 
-def _evidence_of_shape(before: RegistrationResult, after: RegistrationResult, laid: Laid, n_points: int) -> Evidence:
+def _evidence_of_shape(
+    before: RegistrationResult | None, after: RegistrationResult, laid: Laid, n_points: int
+) -> Evidence:
+    """Read what the planes found after a search or without; where they found nothing, what was found before."""
     expected, place = laid.expected, laid.place
     is_refined = after.n_pairs > 0 and after.status in (Status.CONVERGED, Status.NOT_CONVERGED)
-    result = after if is_refined else before
+    if before is None and not is_refined:
+        return Evidence(np.zeros(2), np.zeros((2, 2)), 0.0, float("inf"))
+    result = after if is_refined or before is None else before
     at = _moved(expected.T, place)
     step = _moved(result.T_target_source, at) - place
     covariance = _about(result.covariance, 0.0, result.source_centroid[:2], at)
@@ -222,7 +254,7 @@ def _evidence_of_shape(before: RegistrationResult, after: RegistrationResult, la
         information = _without(information, np.linalg.inv(expected.covariance))
     turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
     variance = TURN_SHARE * result.covariance[2, 2] + (TURN_SAMPLING / n_points) ** 2
-    return Evidence(step, information, turn, float(variance) if is_refined else float("inf"))
+    return Evidence(step, information, turn, float(variance) if is_refined else float("inf"), before is not None)
 
 
 def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, place: Vector) -> Evidence:
