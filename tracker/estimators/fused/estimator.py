@@ -199,7 +199,12 @@ class FusedEstimator(FrameEstimator):
         return {key for key, _ in jobs}
 
     def _jobs(self, known: Mapping[int, Track], lags: Sequence[int]) -> list[tuple[int, int]]:
-        return [(key, lag) for key, track in known.items() for lag in lags if lag <= len(track.looks)]
+        """List which looks are compared with the new ones; of a track that is not long enough yet, the first."""
+        return [
+            (key, lag)
+            for key, track in known.items()
+            for lag in sorted({min(lag, len(track.looks)) for lag in lags})
+        ]
 
     def _expected(self, track: Track, new: Look, lag: int) -> Expected:
         older = -1 - lag
