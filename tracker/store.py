@@ -4,7 +4,7 @@ import json
 import re
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from tracker.kitti import KittiSequence
 from tracker.tracklets import cut, segment_of
 from tracker.types import Box, SegmentedFrame
 
-FORMAT, FORMAT_VERSION = "regmot-segments", 2
+FORMAT, FORMAT_VERSION = "regmot-segments", 3
 FRAMES_PER_PART = 50
 UNCLAIMED = np.full((3, 3), np.nan)  # stands for a covariance that nobody claims
 
@@ -41,7 +41,8 @@ class SegmentStore:
 
     Attributes:
         folder: holds `manifest.json` and `part-NNNN.npz`.
-        manifest: format, version, sequence, clock, ego, flagged_poses, deskewed, n_frames, missing_scans, fingerprint.
+        manifest: format, version, sequence, clock, ego, flagged_poses, deskewed, is_swept, n_frames, missing_scans,
+            fingerprint.
     """
 
     folder: Path
@@ -58,7 +59,7 @@ class SegmentStore:
             DataError: a part is damaged.
         """
         for start in range(0, len(self), FRAMES_PER_PART):
-            yield from _read_part(_part_path(self.folder, start))
+            yield from _read_part(_part_path(self.folder, start), bool(self.manifest["is_swept"]))
 
 
 def cut_sequence(sequence: KittiSequence, out: Path, progress: Progress | None = None) -> SegmentStore:
@@ -109,6 +110,7 @@ def _describe(sequence: KittiSequence, missing: list[int]) -> dict[str, Any]:
         "ego": sequence.ego,
         "flagged_poses": list(sequence.flagged),
         "deskewed": sequence.sweep is not None,
+        "is_swept": sequence.is_swept,
         "n_frames": len(sequence),
         "missing_scans": missing,
         "frames_per_part": FRAMES_PER_PART,
@@ -176,7 +178,7 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
         np.savez(file, **columns)
 
 
-def _read_part(path: Path) -> Iterator[SegmentedFrame]:
+def _read_part(path: Path, is_swept: bool) -> Iterator[SegmentedFrame]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             columns = {key: archive[key] for key in _COLUMNS}
@@ -199,7 +201,8 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
             n = int(columns["n_points"][i])
             if n >= 0:
                 cloud = points[ends[i] - n : ends[i]].copy()  # a view would keep the whole part in memory
-                segments[box.track_id] = segment_of(box, cloud, int(index), time, T_world_lidar)
+                segment = segment_of(box, cloud, int(index), time, T_world_lidar)
+                segments[box.track_id] = replace(segment, is_swept=is_swept)
         claimed = None if np.isnan(covariance).any() else covariance
         yield SegmentedFrame(int(index), timestamp, segments, boxes, T_world_lidar, claimed, seen_at)
 

@@ -1,6 +1,7 @@
 """From frames to segments, one a box, and from segments to tracklets without gaps."""
 
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
 
 from registration.types import Points, Transform
 from tracker.boxes import points_in_boxes
@@ -18,7 +19,8 @@ def cut(frame: Frame) -> SegmentedFrame:
         rows = points_in_boxes(frame.points_lidar, frame.boxes)
         for box, found in zip(frame.boxes, rows, strict=True):
             points_lidar = frame.points_lidar[found]
-            segments[box.track_id] = segment_of(box, points_lidar, frame.index, frame.timestamp, frame.T_world_lidar)
+            segment = segment_of(box, points_lidar, frame.index, frame.timestamp, frame.T_world_lidar)
+            segments[box.track_id] = replace(segment, is_swept=frame.is_swept)
     segmented = SegmentedFrame(
         index=frame.index,
         timestamp=frame.timestamp,

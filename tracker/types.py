@@ -100,6 +100,8 @@ class Frame:
         ego_step_covariance: of the pose's step from the frame before, (x, y, yaw) about the sensor, in world axes
             [m^2, m rad, rad^2]; None where nobody claims any.
         sweep: motion during the sweep, where points are to be moved to one instant; None to take them as they are.
+        is_swept: points are where they were when the beams passed them, one after the other, as in the raw sweeps of a
+            sensor that turns; otherwise all of them are of one instant.
     """
 
     index: int
@@ -109,6 +111,7 @@ class Frame:
     T_world_lidar: Transform | None
     ego_step_covariance: StepCovariance | None = None
     sweep: Sweep | None = None
+    is_swept: bool = False
 
     def without_pose(self) -> "Frame":
         """Forget the ego's pose: what is estimated of this frame is relative to the sensor."""
@@ -130,6 +133,7 @@ class Segment:
         ground_z_world: the same in the world, for the pose that came with the scan; None where none did.  A sensor
             that leans by 1 degree is 0.35 m off at 20 m, so that the one does not follow from the other without
             knowing the very spot that is meant.
+        is_swept: as in the frame.
     """
 
     track_id: int
@@ -139,6 +143,7 @@ class Segment:
     points_lidar: Points
     ground_z_lidar: float
     ground_z_world: float | None = None
+    is_swept: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,6 +72,7 @@ class Sighting:
         range_m: horizontal distance of the midpoint from the sensor [m].
         sensor: where the sensor is, horizontally (x, y), in the axes of the points [m].
         in_world: whether the axes are the world's; else they are the sensor's, and turn with it.
+        is_swept: points are where they were, relative to the sensor, when the beams passed them.
     """
 
     class_name: str
@@ -83,6 +84,7 @@ class Sighting:
     range_m: float
     sensor: Vector2
     in_world: bool
+    is_swept: bool = False
 
 
 def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
@@ -101,6 +103,7 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
         range_m=float(np.hypot(*(midpoint[:2] - sensor))),
         sensor=sensor,
         in_world=T_world_lidar is not None,
+        is_swept=segment.is_swept,
     )
 
 

@@ -45,6 +45,7 @@ class KittiSequence:
         flagged: frames whose pose is a guess: a gap in the records, or a scan with nothing static in it.
         sweep: how the sensor turns, where points are to be moved to one instant (its twist is found anew for each
             frame); None to take scans as they are.
+        is_swept: see `Frame`; KITTI's raw and tracking scans are (docs/ego-motion.md).
     """
 
     name: str
@@ -63,6 +64,7 @@ class KittiSequence:
     step_covariances: Float64[np.ndarray, "n 3 3"] | None = None
     flagged: tuple[int, ...] = ()
     sweep: Sweep | None = None
+    is_swept: bool = True
 
     def __len__(self) -> int:
         """Count the frames, with or without a scan."""
@@ -90,6 +92,7 @@ class KittiSequence:
             T_world_lidar=None if self.poses is None else self.poses[index],
             ego_step_covariance=self.step_covariance(index),
             sweep=None if self.sweep is None else replace(self.sweep, twist_lidar=self._twist(index), period=self.turn),
+            is_swept=self.is_swept,
         )
 
     def step_covariance(self, index: int) -> StepCovariance | None:

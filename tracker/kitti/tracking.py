@@ -1,5 +1,6 @@
 """The tracking benchmark's folder: `velodyne/NNNN`, `label_02`, `calib`, and where there `oxts`, `poses`, `times`."""
 
+import json
 from collections import defaultdict
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from tracker.kitti.poses import Poses, read_oxts, read_poses
 from tracker.kitti.sequence import KittiSequence, check_recorded, choose_times, count_frames
 from tracker.kitti.splits import reindex
 from tracker.types import Box
+
+RECORD = "simulation.json"  # says that a folder is our simulator's, and what is in it
 
 
 def training_folder(root: Path) -> Path | None:
@@ -59,7 +62,19 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto", reco
         sources=(label_path, calib_path, *time_files, *pose_files),
         truth_path=folder / "truth" / f"{name}.csv",
         T_cam_lidar=calibration.T_cam_lidar,
+        is_swept=_is_swept(folder, name),
     )
+
+
+def _is_swept(folder: Path, name: str) -> bool:
+    """Tell whether scans are raw sweeps: KITTI's are, a simulator's if its record says so."""
+    path = next((place / RECORD for place in (folder, folder.parent) if (place / RECORD).is_file()), None)
+    if path is None:
+        return True
+    try:
+        return bool(json.loads(path.read_bytes())["sequences"][name]["rolling_shutter"])
+    except (ValueError, KeyError, TypeError):
+        return True
 
 
 def _choose_poses(

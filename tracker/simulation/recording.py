@@ -15,9 +15,9 @@ from registration.types import Points
 from tracker.errors import DataError, InputError
 from tracker.files import UNFINISHED, write_whole
 from tracker.kitti import writer
+from tracker.kitti.tracking import RECORD
 
 FORMAT = 1
-RECORD = "simulation.json"  # says that a folder is ours, and what is in it
 RUN = f"{UNFINISHED}-run.json"  # there while a run is under way: its settings
 
 # The parts of a sequence in a tracking folder; the labels come last, because they make it a sequence.

@@ -9,14 +9,13 @@ from registration import planar
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
+from tracker.estimators.fused.look import Look, thinned
 from tracker.estimators.fused.sources import (
     Expected,
     Laid,
     Learned,
-    Look,
     Shape,
     evidence_of_network,
-    thinned,
 )
 from tracker.estimators.fused.track import Steps, Track
 from tracker.estimators.fused.window import MotionModel, Square, solve
@@ -60,7 +59,7 @@ class FusedSettings:
     offset_floor: float = 0.005
     offset_sampling: float = 0.05
     offset_single: float = 0.5
-    offset_near: float = 0.25
+    offset_near: float = 0.1
     shape_changed: float = 2.0
     learned_changed: float = 1.2
     search_floor: float = 0.1
@@ -159,7 +158,9 @@ class FusedEstimator(FrameEstimator):
     def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
         encoded = self._learned.encode(list(sightings.values()))
         return {
-            key: Look(thinned(s.points), len(s.points), s.sensor, learned, s.frame)
+            key: Look(
+                thinned(s.points), len(s.points), len(s.points) * s.range_m**2, s.sensor, s.is_swept, learned, s.frame
+            )
             for (key, s), learned in zip(sightings.items(), encoded, strict=True)
         }
 
@@ -184,8 +185,10 @@ class FusedEstimator(FrameEstimator):
         solve([track.place for track in told.values()], self._axes)
         return set(told)
 
-    def _compare_shapes(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
-        """Lay earlier looks on the new ones; say of which objects there are any."""
+    def _compare_shapes(self, known: Mapping[int, Track], new: dict[int, Look]) -> set[int]:
+        """Lay earlier looks on the new ones, which are straightened; say of which objects there are any."""
+        for key, track in known.items():
+            new[key] = track.straighten(new[key])
         jobs, number = self._jobs(known, self.settings.shape_lags), {key: i for i, key in enumerate(known)}
         laid = []
         for key, lag in jobs:
@@ -201,9 +204,7 @@ class FusedEstimator(FrameEstimator):
     def _jobs(self, known: Mapping[int, Track], lags: Sequence[int]) -> list[tuple[int, int]]:
         """List which looks are compared with the new ones; of a track that is not long enough yet, the first."""
         return [
-            (key, lag)
-            for key, track in known.items()
-            for lag in sorted({min(lag, len(track.looks)) for lag in lags})
+            (key, lag) for key, track in known.items() for lag in sorted({min(lag, len(track.looks)) for lag in lags})
         ]
 
     def _expected(self, track: Track, new: Look, lag: int) -> Expected:

@@ -7,18 +7,16 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import planar, se3, uncertainty
-from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
+from registration.alignnet.method import AlignNetCars, AlignNetPersons
 from registration.methods.adh import AnnealedHistograms3D
 from registration.methods.plane_icp import PointToPlaneICP
 from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult, Status, Transform
 from tracker.estimators.contract import Sighting
+from tracker.estimators.fused.look import Encoding, Look, Networks, thinned
 from tracker.estimators.fused.window import Square, Vector
 
-Networks = AlignNetCars | AlignNetPersons
-
 PERSONS = {"pedestrian", "person", "person_sitting", "cyclist"}  # classes that the network for persons is asked about
-KEPT_POINTS = 2000  # of a look, at most
-SHAPE_POINTS = 600  # of those, that are laid on another cloud by planes
+SHAPE_POINTS = 400  # of those, that are laid on another cloud by planes
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
 TURN_SAMPLING = 1.0
@@ -28,25 +26,6 @@ NETWORK_DOUBT = 4.0
 FEW_POINTS = 25  # clouds with fewer are searched for around, ...
 SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """What is kept of one look at an object.
-
-    Attributes:
-        points: thinned [m].
-        n_points: how many there were.
-        sensor: where they were seen from (2) [m].
-        learned: what the network makes of it.
-        frame: number of the frame in its sequence.
-    """
-
-    points: Points
-    n_points: int
-    sensor: Vector
-    learned: "Encoding"
-    frame: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,24 +140,6 @@ def _is_searched(job: Laid, moved: Points, target: Look) -> bool:
     return bool(np.linalg.eigvalsh(covariance)[-1] > SURE**2)
 
 
-@dataclass(frozen=True, slots=True)
-class Encoding:
-    """What a network makes of one look.
-
-    Attributes:
-        network: the one that made it.
-        cloud: its own encoding.
-    """
-
-    network: Networks
-    cloud: Cloud
-
-    def center(self) -> Vector | None:
-        """Say where the network believes the object's centre (x, y) [m]; None where it cannot tell."""
-        center = self.network.center(self.cloud)
-        return None if center is None else center[:2]
-
-
 class Learned:
     """Ask AlignNet, that for persons or that for cars: each look is encoded once, and compared with any other."""
 
@@ -213,11 +174,6 @@ class Learned:
         if self._persons is None:
             self._persons = AlignNetPersons()
         return self._persons
-
-
-def thinned(points: Points, most: int = KEPT_POINTS) -> Points:
-    """Keep every k-th point, so that a look takes up no more memory and time than it is worth."""
-    return points if len(points) <= most else np.ascontiguousarray(points[:: -(-len(points) // most)])
 
 
 def _prior(expected: Expected, moved: Points, newer: Points) -> MotionPrior:

@@ -9,7 +9,8 @@ from registration import planar
 from tracker.estimators.contract import Sighting
 from tracker.estimators.fused import motion_kernels
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.sources import Evidence, Look
+from tracker.estimators.fused.look import Look
+from tracker.estimators.fused.sources import Evidence
 from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
 
 MOST_CENTERS = 20  # looks that count for where an object's centre is
@@ -96,12 +97,23 @@ class Track:
             self.turn.compare(lag, np.zeros(1), np.array([evidence.turn]), information)
             axes.hear(self.place.axes[-1 - lag], evidence.turn, evidence.turn_variance)
 
+    def straighten(self, new: Look) -> Look:
+        """Undo the motion during the sweep in the new look, and in the first one, whose motion was not known.
+
+        Where nothing is known of the motion, nothing is undone.
+        """
+        if not self.place.comparisons:
+            return new
+        before = self.looks[-1]
+        moved = self.place.seen(-1) - self.place.seen(-2) - (new.sensor - before.sensor)
+        velocity = moved / (self.place.times[-1] - self.place.times[-2])
+        centers = self.centers()
+        self.looks[-1] = before.straightened(velocity, centers[-2])
+        return new.straightened(velocity, centers[-1])
+
     def changed(self, lag: int, new: Look) -> float:
         """Say how much of what is seen of an object came or went beside what its range explains: 0 to 1, squared."""
-        before, now = (  # as many points as would be seen from 1 m
-            look.n_points * float(np.sum((self.place.seen(frame) - look.sensor) ** 2))
-            for look, frame in ((self.looks[-lag], -1 - lag), (new, -1))
-        )
+        before, now = self.looks[-lag].n_from_1m, new.n_from_1m
         return (1.0 - min(before, now) / max(before, now)) ** 2
 
     def refer_to_center(self) -> None:
