@@ -47,6 +47,7 @@ def variants() -> dict[str, FusedSettings]:
         "heavy tails": replace(whole, motion=motion, turn=turn),
         "offsets of a look": unmoved,
         "doubt where looks differ": replace(whole, shape_changed=0.0, learned_changed=0.0),
+        "motion during a sweep": replace(whole, undoes_sweep=False),
         "steady axes": replace(whole, turns_axes=False),
         "the centre": replace(whole, refers_to_center=False),
         "what stands": replace(whole, knows_parked=False),

@@ -47,6 +47,7 @@ class FusedSettings:
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
+        undoes_sweep: whether what objects move while the beams pass them is undone, where scans are raw sweeps.
         turns_axes: whether the sensor's axes are known to turn, where there are no poses.
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
         knows_parked: whether what stands in the world is taken to stand, or to move as most objects do without a world.
@@ -65,6 +66,7 @@ class FusedSettings:
     search_floor: float = 0.1
     search_doubt: float = 4.0
     pose_turn_sd: float = 0.001
+    undoes_sweep: bool = True
     turns_axes: bool = True
     refers_to_center: bool = True
     knows_parked: bool = True
@@ -187,8 +189,8 @@ class FusedEstimator(FrameEstimator):
 
     def _compare_shapes(self, known: Mapping[int, Track], new: dict[int, Look]) -> set[int]:
         """Lay earlier looks on the new ones, which are straightened; say of which objects there are any."""
-        for key, track in known.items():
-            new[key] = track.straighten(new[key])
+        if self.settings.undoes_sweep:
+            new.update((key, track.straighten(new[key])) for key, track in known.items())
         jobs, number = self._jobs(known, self.settings.shape_lags), {key: i for i, key in enumerate(known)}
         laid = []
         for key, lag in jobs:
