@@ -27,6 +27,7 @@ PLANE_FLOOR = 0.01  # standard deviation of any shift [m]
 CENTROIDS_SHARE = 0.53  # factor of `uncertainty.of_centroids`' standard deviations for clouds that overlap; ...
 CENTROIDS_APART = 2.4  # ... share of the extent by which their centroids differ if nothing overlaps
 BELIEVED_LIFT = 0.1  # standard deviation of the change in z about that of the centroids [m]
+DENSE = 2000  # points; cells of larger clouds are smaller, so that a search looks at no more points
 _ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
 
 
@@ -91,7 +92,8 @@ class PointToPlaneICP(BatchMethod):
 
     def prepare_cloud(self, points: Points) -> Surface:
         """Sort the points into cells; planes are fitted when they are first asked for."""
-        cloud = iterative.prepare(points, self.max_distance)
+        cell = self.max_distance * min(1.0, (DENSE / max(len(points), 1)) ** 0.5)
+        cloud = iterative.prepare(points, cell)
         return Surface(
             cloud.points, cloud.centroid, cloud.scatter, cloud.grid, float(self.normal_radius), self.normal_neighbours
         )
