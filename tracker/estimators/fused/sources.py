@@ -20,8 +20,7 @@ SHAPE_POINTS = 400  # of those, that are laid on another cloud by planes
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
 TURN_SAMPLING = 1.0
-# Shares of the variances that plane-icp claims, fitted on simulated training sequences: near objects are known better.
-SHAPE_SHARE, TURN_SHARE = 0.5, 0.2
+TURN_SHARE = 0.2  # of the variance of a turn that plane-icp claims; fitted on simulated training sequences
 # Factor of the covariances that the network claims: it was trained on simulated scans only, and costs nothing there.
 NETWORK_DOUBT = 4.0
 FEW_POINTS = 25  # clouds with fewer are searched for around, ...
@@ -206,7 +205,7 @@ def _evidence_of_shape(
     at = _moved(expected.T, place)
     step = _moved(result.T_target_source, at) - place
     covariance = _about(result.covariance, 0.0, result.source_centroid[:2], at)
-    information = np.linalg.inv(covariance[:2, :2]) / (SHAPE_SHARE if is_refined else 1.0)
+    information = np.linalg.inv(covariance[:2, :2])
     if expected.covariance is not None:
         information = _without(information, np.linalg.inv(expected.covariance))
     turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
