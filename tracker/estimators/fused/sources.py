@@ -16,7 +16,7 @@ from tracker.estimators.fused.look import Encoding, Look, Networks, thinned
 from tracker.estimators.fused.window import Square, Vector
 
 PERSONS = {"pedestrian", "person", "person_sitting", "cyclist"}  # classes that the network for persons is asked about
-SHAPE_POINTS = 400  # of those, that are laid on another cloud by planes
+SHAPE_POINTS = 400  # of an earlier look, at most, that are laid on all points of the newer one by planes
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
 TURN_SAMPLING = 1.0
