@@ -490,7 +490,8 @@ def _compare_with_planes(points, normals, motion, within, robust_scale, memory, 
     """Set up J'WJ and J'Wr of the distances r to the partners' planes; give the number of planes that tell something.
 
     r = n (R s + t - q), J = (n_x, n_y, n_y a_x - n_x a_y, n_z) with the arm a = R s; the weight of a pair is Geman &
-    McClure's, 1 / (1 + (r / robust_scale)^2)^2.  Those that are not upright are not counted.
+    McClure's, 1 / (1 + (r / robust_scale)^2)^2.  Planes that are not upright are not counted; flat ones tell of
+    z alone.
     """
     information[:] = 0.0
     gradient[:] = 0.0

@@ -141,7 +141,7 @@ def test_what_an_object_moved_while_the_beams_passed_it_is_undone():
 
 
 def test_a_close_car_that_is_bent_by_the_sweep_has_its_true_velocity():
-    """Passing at 3 m and 12 m/s, its ends are seen 15 ms apart, and its bend changes from scan to scan."""
+    """Passing at 3 m and 8 m/s, its ends are seen up to 24 ms apart, and its bend changes from scan to scan."""
     found = {}
     for is_swept in (False, True):
         estimator, errors = create_estimator("fused"), []

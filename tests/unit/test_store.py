@@ -102,6 +102,13 @@ def test_a_store_says_whether_scans_are_raw_sweeps_as_all_but_some_simulated_one
     assert {segment.is_swept for frame in frames for segment in frame.segments.values()} == {record is None}
 
 
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"sequences": {"0000": 1}}'])
+def test_a_damaged_record_of_a_simulator_is_an_error(training, text):
+    (training / "simulation.json").write_text(text)
+    with pytest.raises(DataError, match="simulation.json.*record"):
+        opened(training)
+
+
 @pytest.mark.parametrize("has_poses", [False, True])
 def test_what_is_read_is_what_was_cut_to_the_last_bit(training, tmp_path, has_poses):
     write(training / "times" / "0000.txt", "".join(f"{stamp(k)}\n" for k in range(5)))

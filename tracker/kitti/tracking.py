@@ -67,14 +67,20 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto", reco
 
 
 def _is_swept(folder: Path, name: str) -> bool:
-    """Tell whether scans are raw sweeps: KITTI's are, a simulator's if its record says so."""
+    """Tell whether scans are raw sweeps: KITTI's are, a simulator's if its record says so.
+
+    Raises:
+        DataError: the record is damaged.
+    """
     path = next((place / RECORD for place in (folder, folder.parent) if (place / RECORD).is_file()), None)
     if path is None:
         return True
     try:
-        return bool(json.loads(path.read_bytes())["sequences"][name]["rolling_shutter"])
-    except (ValueError, KeyError, TypeError):
-        return True
+        settings = json.loads(path.read_bytes())["sequences"].get(name, {})
+        return bool(settings.get("rolling_shutter", True))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        what = f"expected a simulator's record, sequences with their settings, got a damaged file ({error})"
+        raise DataError(path, what) from error
 
 
 def _choose_poses(

@@ -55,7 +55,7 @@ class Look:
     frame: int
 
     def straightened(self, velocity: Vector, center: Vector) -> "Look":
-        """Undo what the object moved while the beams passed it, a few centimetres at its ends when it is close.
+        """Undo what the object moved while the beams passed it, up to a decimetre at its ends when it is close.
 
         Args:
             velocity: of the object relative to the sensor [m/s].
