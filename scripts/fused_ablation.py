@@ -37,15 +37,13 @@ Part = tuple[SegmentStore, dict[tuple[int, int], TrueVelocity]]
 def variants() -> dict[str, FusedSettings]:
     """Take one ingredient at a time out of the estimator."""
     whole = FusedSettings()
-    motion, turn = (replace(model, tails=(0.0, 0.0, 0.0)) for model in (whole.motion, whole.turn))
-    unmoved = replace(whole, offset_sampling=0.0, offset_single=0.0, offset_near=0.0)
+    motion, turn = (replace(model, tails=(0.0, 0.0)) for model in (whole.motion, whole.turn))
     return {
         "(nothing)": whole,
         "the network": replace(whole, learned_lags=()),
         "shapes": replace(whole, shape_lags=()),
         "earlier looks than the last": replace(whole, shape_lags=(1,), learned_lags=(1,)),
         "heavy tails": replace(whole, motion=motion, turn=turn),
-        "offsets of a look": unmoved,
         "doubt where looks differ": replace(whole, shape_changed=0.0, learned_changed=0.0),
         "motion during a sweep": replace(whole, undoes_sweep=False),
         "steady axes": replace(whole, turns_axes=False),

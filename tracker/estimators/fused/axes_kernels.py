@@ -67,12 +67,12 @@ def in_own_axes(x, H, levers, common, windows, angles, D):
     state, rotations = np.zeros(windows.state.shape), to_steady(windows, angles, D)
     frame = 0
     for k in range(len(windows.sizes)):
-        m = 3 * D * windows.sizes[k]
+        m = 2 * D * windows.sizes[k]
         turn, lever = np.zeros((m, m)), levers[k, :m].copy()
         for j in range(windows.sizes[k]):
             R = rotations[frame].T
-            for p in range(3):
-                at = (3 * j + p) * D
+            for p in range(2):
+                at = (2 * j + p) * D
                 turn[at : at + D, at : at + D] = R
                 state[frame, p] = R @ x[k, at : at + D]
             frame += 1
@@ -80,8 +80,8 @@ def in_own_axes(x, H, levers, common, windows, angles, D):
         for j in range(windows.sizes[k]):
             f = frame - windows.sizes[k] + j
             if D == 2 and windows.axes[f] >= 0:
-                lever[3 * j * D, windows.axes[f]] += state[f, 0, 1]
-                lever[3 * j * D + 1, windows.axes[f]] -= state[f, 0, 0]
+                lever[2 * j * D, windows.axes[f]] += state[f, 0, 1]
+                lever[2 * j * D + 1, windows.axes[f]] -= state[f, 0, 0]
         own = turn @ np.linalg.inv(H[k, :m, :m].copy()) @ turn.T
         H[k, :m, :m] = own + lever @ common @ lever.T
     return state
@@ -102,6 +102,5 @@ def add_lever(L, A, a, numbers, at, ends, step, information):
             sign = 1.0 - 2.0 * t
             if numbers[t] >= 0:
                 A[numbers[s], numbers[t]] += sign * (y * ends[t, 0] - x * ends[t, 1])
-            for p in range(0, 6, 4):  # place and offset
-                L[at[t] + p, numbers[s]] -= sign * x
-                L[at[t] + p + 1, numbers[s]] -= sign * y
+            L[at[t], numbers[s]] -= sign * x
+            L[at[t] + 1, numbers[s]] -= sign * y

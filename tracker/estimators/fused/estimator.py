@@ -36,10 +36,6 @@ class FusedSettings:
         turn: of a car's heading.
         shape_lags: how many looks ago are the points compared by shape; the first is the step itself.
         learned_lags: and by the network.
-        offset_floor, offset_sampling, offset_single: standard deviation of what one look at an object is off: in any
-            case, of a single point of many, and of a single point that is all that is seen [m].
-        offset_near: the same at 1 m from the sensor, falling with the range squared: what is close changes its look
-            from scan to scan [m].
         shape_changed, learned_changed: standard deviation of a comparison of looks that share nothing, by histograms
             and by the network, as when an object comes out from behind another one: a part that grows pulls the whole
             along.  It goes with the square of the share of points that came or went, beside those that the range
@@ -57,10 +53,6 @@ class FusedSettings:
     turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02, rate_sd=0.3))
     shape_lags: tuple[int, ...] = (1, 4)
     learned_lags: tuple[int, ...] = (1, 3, 8)
-    offset_floor: float = 0.005
-    offset_sampling: float = 0.05
-    offset_single: float = 0.5
-    offset_near: float = 0.1
     shape_changed: float = 2.0
     learned_changed: float = 1.2
     search_floor: float = 0.1
@@ -128,7 +120,7 @@ class FusedEstimator(FrameEstimator):
         self._begin_frame(sightings)
         for key, track in known.items():
             pose_turn_sd = 0.0 if self._axes.turns else self.settings.pose_turn_sd
-            track.advance(sightings[key], self._axes, pose_turn_sd, self._offset_sd(sightings[key]))
+            track.advance(sightings[key], self._axes, pose_turn_sd)
         is_known = self._ask(known, new)
         is_laid = self._compare_shapes(known, new)
         solve([track.turn for track in known.values()])
@@ -166,12 +158,6 @@ class FusedEstimator(FrameEstimator):
             for (key, s), learned in zip(sightings.items(), encoded, strict=True)
         }
 
-    def _offset_sd(self, sighting: Sighting) -> float:
-        """Say how far what is seen may be off: more where it is little, or close."""
-        n, own = len(sighting.points), self.settings
-        near = own.offset_near / max(sighting.range_m, 1.0) ** 2
-        return float(np.linalg.norm([own.offset_floor, own.offset_sampling / n**0.5, own.offset_single / n, near]))
-
     def _ask(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
         """Hear the network's opinions of each object; say of which it has one."""
         jobs = self._jobs(known, self.settings.learned_lags)
@@ -180,7 +166,7 @@ class FusedEstimator(FrameEstimator):
         for (key, lag), answer in zip(jobs, answers, strict=True):
             if answer is not None:
                 track = known[key]
-                evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.seen(-1 - lag))
+                evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.at(-1 - lag))
                 doubt = self.settings.learned_changed * track.changed(lag, new[key])
                 track.hear(lag, evidence.doubted(doubt), self._axes)
                 told[key] = track
@@ -195,7 +181,7 @@ class FusedEstimator(FrameEstimator):
         laid = []
         for key, lag in jobs:
             track, expected = known[key], self._expected(known[key], new[key], lag)
-            laid.append(Laid(track.looks[-lag].points, number[key], track.place.seen(-1 - lag), expected))
+            laid.append(Laid(track.looks[-lag].points, number[key], track.place.at(-1 - lag), expected))
         found = self._shape.compare(laid, [new[key] for key in known])
         for (key, lag), evidence in zip(jobs, found, strict=True):
             doubt = self.settings.shape_changed * known[key].changed(lag, new[key])
@@ -211,14 +197,14 @@ class FusedEstimator(FrameEstimator):
 
     def _expected(self, track: Track, new: Look, lag: int) -> Expected:
         older = -1 - lag
-        place = track.place.seen(older)
+        place = track.place.at(older)
         turn = float(track.turn.state[-1, 0, 0] - track.turn.state[older, 0, 0])
         if not track.place.comparisons:
             shift, covariance = (new.points.mean(axis=0) - track.looks[-1].points.mean(axis=0))[:2], None
             doubt = FIRST_TURN_SD**2
         else:
             own = self.settings
-            shift = track.place.seen(-1) - place
+            shift = track.place.at(-1) - place
             covariance = own.search_doubt * track.step_covariance(lag)
             covariance = covariance + own.search_doubt * self._swing(track)
             covariance = covariance + own.search_floor**2 * np.eye(2)
@@ -227,7 +213,7 @@ class FusedEstimator(FrameEstimator):
 
     def _swing(self, track: Track) -> Square:
         """Give the covariance of where an object is that the axes' own turn adds [m^2]."""
-        x, y = track.place.seen(-1)
+        x, y = track.place.at(-1)
         return self._axes.step_variance() * np.array([[y * y, -x * y], [-x * y, x * x]])
 
     def _start_tracks(self, sightings: Mapping[int, Sighting], new: Mapping[int, Look]) -> None:
@@ -235,8 +221,7 @@ class FusedEstimator(FrameEstimator):
         for key, sighting in sightings.items():
             if key in self._tracks:
                 continue
-            models, offset_sd = (own.motion, own.turn), self._offset_sd(sighting)
-            self._tracks[key] = Track.start(models, sighting, new[key], self._axes, offset_sd)
+            self._tracks[key] = Track.start((own.motion, own.turn), sighting, new[key], self._axes)
             if own.refers_to_center:
                 self._tracks[key].refer_to_center()
 

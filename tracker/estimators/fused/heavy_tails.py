@@ -5,6 +5,7 @@ Source: Lange, Little & Taylor, "Robust statistical modeling using the t distrib
 
 import typing
 
+import numpy as np
 from numba import njit
 
 
@@ -19,3 +20,12 @@ def weight(tail, dimension, distance):
         distance: squared.
     """
     return min((tail + dimension) / (tail + distance), 1.0) if tail > 0.0 else 1.0
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def cost(tail, dimension, distance):
+    """Give the negative logarithm of the likelihood that `weight` leads down, but for a constant."""
+    if tail <= 0.0 or distance <= dimension:
+        return 0.5 * distance
+    return 0.5 * (dimension + (tail + dimension) * np.log((tail + distance) / (tail + dimension)))

@@ -1,12 +1,14 @@
 """A motion of nearly constant rate: what it says of neighbouring frames, and how it goes on; compiled by numba.
 
-A frame's unknowns are, D numbers each: place, rate, offset; see `window_kernels`.
+A frame's unknowns are, D numbers each: place, rate; see `window_kernels`.
 """
 
 import typing
 
 import numpy as np
 from numba import njit
+
+from tracker.estimators.fused import heavy_tails
 
 
 @njit(cache=True, nogil=True)
@@ -28,30 +30,29 @@ def information(dt, density, shake, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def advance(state, covariance, dt, turned, model, is_full):
+def advance(state, covariance, dt, turned, density, shake, is_full):
     """Add a frame where the motion would lead; a full window loses its first one.
 
     Args:
-        state: (n, 3, D), in the axes of the frames.
-        covariance: of all of it (3 n D, 3 n D).
+        state: (n, 2, D), in the axes of the frames.
+        covariance: of all of it (2 n D, 2 n D).
         dt: [s].
         turned: rotation from the last frame's axes to the new one's (D, D).
-        model: density of the acceleration's noise, covariance that the place has beside that (D, D), standard
-            deviation of the new offset.
+        density: of the acceleration's noise.
+        shake: covariance that the new place has beside that (D, D).
         is_full: whether the first frame goes.
 
     Returns:
         both, with the new frame.
     """
-    density, shake, offset_sd = model
     n, D = state.shape[0], state.shape[2]
     first = 1 if is_full else 0
-    size, gone, last = 3 * D * (n - first), 3 * D * first, 3 * D * (n - 1)
-    moved, found = np.zeros((n - first + 1, 3, D)), np.zeros((size + 3 * D, size + 3 * D))
+    size, gone, last = 2 * D * (n - first), 2 * D * first, 2 * D * (n - 1)
+    moved, found = np.zeros((n - first + 1, 2, D)), np.zeros((size + 2 * D, size + 2 * D))
     moved[:-1], found[:size, :size] = state[first:], covariance[gone:, gone:]
     moved[-1, 0], moved[-1, 1] = turned @ (state[-1, 0] + dt * state[-1, 1]), turned @ state[-1, 1]
-    A = np.zeros((3 * D, 3 * D))
-    A[:D, :D], A[:D, D : 2 * D], A[D : 2 * D, D : 2 * D] = turned, dt * turned, turned
+    A = np.zeros((2 * D, 2 * D))
+    A[:D, :D], A[:D, D:], A[D:, D:] = turned, dt * turned, turned
     across = A @ covariance[last:, gone:].copy()
     found[size:, :size], found[:size, size:] = across, across.T
     noise = A @ covariance[last:, last:].copy() @ A.T
@@ -61,21 +62,33 @@ def advance(state, covariance, dt, turned, model, is_full):
         noise[D + d, D + d] += density * dt
         noise[d, D + d] += density * dt**2 / 2.0
         noise[D + d, d] += density * dt**2 / 2.0
-        noise[2 * D + d, 2 * D + d] += offset_sd**2
     found[size:, size:] = noise
     return moved, found
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def step_covariances(covariance, D):
-    """Give the covariance of each step of place, from frame to frame (n - 1, D, D)."""
-    n = len(covariance) // (3 * D)
-    found = np.empty((n - 1, D, D))
+def steps(state, covariance, times, shakes, density, tail, D):
+    """Give how far the object moved from frame to frame, without what only its frames' axes shook (n - 1, D).
+
+    Between two rates, a motion of nearly constant rate leaves a displacement as open as `density` dt^3 / 12 about their
+    mean, and more where it changes suddenly; what the places differ from that is the motion's share, and the shake's.
+
+    Returns:
+        displacements, and their covariances (n - 1, D, D).
+    """
+    n = len(times)
+    found, covariances = np.empty((n - 1, D)), np.empty((n - 1, D, D))
+    J, one = np.zeros((D, 4 * D)), np.eye(D)
     for j in range(n - 1):
-        a, b = 3 * D * j, 3 * D * (j + 1)
-        for d in range(D):
-            for e in range(D):
-                across = covariance[a + d, b + e] + covariance[b + d, a + e]
-                found[j, d, e] = covariance[a + d, a + e] + covariance[b + d, b + e] - across
-    return found
+        dt, first = times[j + 1] - times[j], 2 * D * j
+        both = np.ascontiguousarray(state[j : j + 2]).reshape(4 * D)
+        surprise = both @ information(dt, density, shakes[j + 1], D) @ both
+        own = density * dt**3 / 12.0 / heavy_tails.weight(tail, 2 * D, surprise) * one
+        shake = shakes[j + 1] @ np.linalg.inv(shakes[j + 1] + own)  # the share of the shake
+        J[:, :D], J[:, 2 * D : 3 * D] = shake - one, one - shake
+        J[:, D : 2 * D] = J[:, 3 * D :] = 0.5 * dt * shake
+        joint = np.ascontiguousarray(covariance[first : first + 4 * D, first : first + 4 * D])
+        covariances[j] = J @ joint @ J.T + shake @ own
+        found[j] = J @ both
+    return found, covariances

@@ -7,7 +7,6 @@ from jaxtyping import Float64, Int64
 
 from registration import planar
 from tracker.estimators.contract import Sighting
-from tracker.estimators.fused import motion_kernels
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look
 from tracker.estimators.fused.sources import Evidence
@@ -16,7 +15,7 @@ from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
 MOST_CENTERS = 20  # looks that count for where an object's centre is
 # Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
 # fitted to the errors on simulated training sequences.
-HONEST_SHARE = 0.22
+HONEST_SHARE = 0.17
 LEAST_SD = 0.01  # of a velocity [m/s]
 FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
@@ -62,7 +61,7 @@ class Track:
 
     @classmethod
     def start(
-        cls, models: tuple[MotionModel, MotionModel], sighting: Sighting, look: Look, axes: Heading, offset_sd: float
+        cls, models: tuple[MotionModel, MotionModel], sighting: Sighting, look: Look, axes: Heading
     ) -> "Track":
         """Begin at the middle of a look.
 
@@ -71,24 +70,23 @@ class Track:
             sighting: of the object.
             look: the same, as it is kept.
             axes: whose latest frame it is.
-            offset_sd: see `Window`.
         """
         middle = 0.5 * (look.points.min(axis=0) + look.points.max(axis=0))[:2]
-        place = Window.start(models[0], sighting.timestamp, axes, middle, offset_sd)
+        place = Window.start(models[0], sighting.timestamp, axes, middle)
         return cls(place, Window.start(models[1], sighting.timestamp, axes, np.zeros(1)), [look])
 
-    def advance(self, sighting: Sighting, axes: Heading, pose_turn_sd: float, offset_sd: float) -> None:
+    def advance(self, sighting: Sighting, axes: Heading, pose_turn_sd: float) -> None:
         """Expect the object where its motion leads, in axes whose turn may be off by so much [rad]."""
         arm = self.place.state[-1, 0] - sighting.sensor
         across = pose_turn_sd * np.array([-arm[1], arm[0]])
-        has_left = self.place.advance(sighting.timestamp, axes, across[:, None] * across, offset_sd)
+        has_left = self.place.advance(sighting.timestamp, axes, across[:, None] * across)
         self.turn.advance(sighting.timestamp, axes)
         if has_left:
             self.looks.pop(0)
 
     def hear(self, lag: int, evidence: Evidence, axes: Heading) -> None:
         """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on."""
-        start = self.place.seen(-1 - lag)
+        start = self.place.at(-1 - lag)
         if len(self.place) - lag == 1 and not self.place.comparisons:
             self.place.place_last(start + evidence.step)
         self.place.compare(lag, start, evidence.step, evidence.information)
@@ -105,7 +103,7 @@ class Track:
         if not self.place.comparisons:
             return new
         before = self.looks[-1]
-        moved = self.place.seen(-1) - self.place.seen(-2) - (new.sensor - before.sensor)
+        moved = self.place.at(-1) - self.place.at(-2) - (new.sensor - before.sensor)
         velocity = moved / (self.place.times[-1] - self.place.times[-2])
         centers = self.centers()
         self.looks[-1] = before.straightened(velocity, centers[-2])
@@ -135,9 +133,10 @@ class Track:
         """Read what is known now of each step."""
         centers, numbers = self.centers(), np.array(self.place.axes)
         seconds = np.diff(self.place.times)[:, None]
-        turns = motion_kernels.step_covariances(self.turn.covariance, 1) / seconds[:, None] ** 2
-        covariances = motion_kernels.step_covariances(self.place.covariance, 2) / seconds[:, None] ** 2
-        arms = (centers - self.place.state[:, 0])[1:, ::-1] * [-1.0, 1.0]
+        _, turns = self.turn.steps()
+        moved, covariances = self.place.steps()
+        arms = centers - self.place.state[:, 0]
+        moved, arms = moved + np.diff(arms, axis=0), arms[1:, ::-1] * [-1.0, 1.0]
         covariances = covariances + turns * arms[:, :, None] * arms[:, None, :]
         n_points = np.array([look.n_points for look in self.looks])
         least = LEAST_SD**2 + (FEW_SD / np.minimum(n_points[1:], n_points[:-1])) ** 2
@@ -146,8 +145,8 @@ class Track:
             numbers=numbers[1:],
             lengths=np.diff(numbers),
             places=0.5 * (centers[1:] + centers[:-1]),
-            velocities=np.diff(centers, axis=0) / seconds,
-            covariances=HONEST_SHARE * covariances + least[:, None, None] * np.eye(2),
+            velocities=moved / seconds,
+            covariances=HONEST_SHARE * covariances / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
         )
 
     def yaw_rate(self) -> float:
@@ -157,4 +156,4 @@ class Track:
 
     def step_covariance(self, lag: int) -> Square:
         """Give the covariance of where the object is now against where it was `lag` frames ago [m^2]."""
-        return self.place.difference(-1 - lag, is_seen=True)
+        return self.place.difference(-1 - lag)

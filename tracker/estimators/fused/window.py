@@ -12,10 +12,9 @@ from tracker.estimators.fused.heading import Heading
 
 Vector = Float64[np.ndarray, " d"]
 Square = Float64[np.ndarray, "d d"]
-Joint = Float64[np.ndarray, "m m"]  # over all frames, m = 3 n d
+Joint = Float64[np.ndarray, "m m"]  # over all frames, m = 2 n d
 
 SHORTEST_STEP = 0.01  # [s]
-NO_OFFSET = 1e-4  # standard deviation of an offset where there is none, so that it has an inverse [m, rad]
 PLACED = 1e-6  # variance of the first place, which only fixes where zero is
 
 
@@ -26,20 +25,19 @@ class MotionModel:
     Attributes:
         density: spectral density of the acceleration's white noise [m^2/s^3], or of a turn's [rad^2/s^3].
         rate_sd: standard deviation of a rate before anything is known, along each axis [m/s, rad/s].
-        tails: degrees of freedom of Student's t for the errors of comparisons, of offsets, and of the motion; 0 for
-            normal ones.
+        tails: degrees of freedom of Student's t for the errors of comparisons, and of the motion; 0 for normal ones.
         n_frames: length of the window.
     """
 
     density: float
     rate_sd: float
-    tails: tuple[float, float, float] = (3.0, 2.0, 4.0)
+    tails: tuple[float, float] = (3.0, 4.0)
     n_frames: int = 9
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A measured difference of place plus offset between two frames, each in the axes of its own frame.
+    """A measured difference of place between two frames, each in the axes of its own frame.
 
     Attributes:
         older, newer: numbers of the frames since the first that the window ever had.
@@ -57,93 +55,104 @@ class Comparison:
 
 @dataclass
 class Window:
-    """The latest frames of one object: place, rate and offset at each, in its own axes, with their joint covariance.
+    """The latest frames of one object: place and rate at each, in its own axes, with their joint covariance.
 
-    The offset is that of what was seen of the object in a frame, as when a part of it is hidden: it is common to all
-    comparisons with that frame, which would seem to agree otherwise.  Frames leave the window at its end; what they
-    said stays in the rate of the frame that follows, as it was known at its own time.
+    Frames leave the window at its end; what they said stays in the rate of the frame that follows, as it was known at
+    its own time.
 
     Attributes:
         model: of the motion.
         times: of the frames [s].
         axes: number of each frame in the `Heading` that they share with other objects.
-        state: place, rate, offset of each (n, 3, d).
-        covariance: of all of it, frame by frame (3 n d, 3 n d).
+        state: place, rate of each (n, 2, d).
+        covariance: of all of it, frame by frame (2 n d, 2 n d).
         n_left: how many frames have left the window.
         comparisons: between frames of the window.
-        shakes, offset_sds: of the frames; see `advance`.
+        shakes: of the frames; see `advance`.
+        expected: the last place, as the motion so far would have it, and the covariance of the step to there.
     """
 
     model: MotionModel
     times: list[float]
     axes: list[int]
-    state: Float64[np.ndarray, "n 3 d"]
+    state: Float64[np.ndarray, "n 2 d"]
     covariance: Joint
     n_left: int = 0
     comparisons: list[Comparison] = field(default_factory=list)
     shakes: list[Square] = field(default_factory=list)
-    offset_sds: list[float] = field(default_factory=list)
+    expected: tuple[Vector, Square] | None = None
     _rates: list[tuple[Vector, Square]] = field(default_factory=list)  # of each frame, known at its own time
 
     @classmethod
-    def start(
-        cls, model: MotionModel, time: float, axes: Heading, place: Vector, offset_sd: float = NO_OFFSET
-    ) -> "Window":
+    def start(cls, model: MotionModel, time: float, axes: Heading, place: Vector) -> "Window":
         """Begin with one frame, the latest of the axes; the rate is about 0 there."""
         d = len(place)
-        state = np.zeros((1, 3, d))
+        state = np.zeros((1, 2, d))
         state[0, 0] = place
-        variances = np.repeat([PLACED, model.rate_sd**2, offset_sd**2], d)
+        variances = np.repeat([PLACED, model.rate_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
         frame = ([time], [axes.latest], state, np.diag(variances))
-        return cls(model, *frame, 0, [], [np.zeros((d, d))], [offset_sd], [rate])
+        return cls(model, *frame, shakes=[np.zeros((d, d))], _rates=[rate])
 
     def __len__(self) -> int:
         return len(self.times)
 
-    def seen(self, i: int) -> Vector:
-        """Give place plus offset of frame i: where what was seen of the object was."""
-        return self.state[i, 0] + self.state[i, 2]
+    def at(self, i: int) -> Vector:
+        """Give the place at frame i."""
+        place: Vector = self.state[i, 0].copy()
+        return place
+
+    def steps(self) -> tuple[Float64[np.ndarray, "m d"], Float64[np.ndarray, "m d d"]]:
+        """Give how far the object moved from each frame to the next, and the covariances of that; see `shakes`."""
+        found: tuple[Float64[np.ndarray, "m d"], Float64[np.ndarray, "m d d"]] = motion_kernels.steps(
+            self.state,
+            self.covariance,
+            np.array(self.times),
+            np.array(self.shakes),
+            float(self.model.density),
+            float(self.model.tails[1]),
+            self.state.shape[2],
+        )
+        return found
 
     def step(self) -> tuple[Vector, Square]:
         """Give the mean rate over the latest step, and its covariance."""
+        moved, covariances = self.steps()
         dt = self.times[-1] - self.times[-2]
-        return (self.state[-1, 0] - self.state[-2, 0]) / dt, self.difference(-2) / dt**2
+        return moved[-1] / dt, covariances[-1] / dt**2
 
-    def difference(self, i: int, j: int = -1, is_seen: bool = False) -> Square:
-        """Give the covariance of the difference of place, or of place plus offset, between frames i and j."""
+    def difference(self, i: int, j: int = -1) -> Square:
+        """Give the covariance of the difference of place between frames i and j."""
         d, n = self.state.shape[2], len(self)
         i, j = i % n, j % n
-        blocks = self.covariance.reshape(n, 3, d, n, 3, d)
-        if is_seen:
-            blocks = blocks[:, ::2, :, :, ::2].sum(axis=(1, 4))[:, None, :, :, None]
+        blocks = self.covariance.reshape(n, 2, d, n, 2, d)
         across = blocks[i, 0, :, j, 0]
         found: Square = blocks[i, 0, :, i, 0] + blocks[j, 0, :, j, 0] - across - across.T
         return found
 
-    def advance(self, time: float, axes: Heading, shake: Square | None = None, offset_sd: float = NO_OFFSET) -> bool:
+    def advance(self, time: float, axes: Heading, shake: Square | None = None) -> bool:
         """Add a frame where the motion so far would lead; say whether the oldest one had to leave for it.
 
         Args:
             time: of the new frame [s]; at least SHORTEST_STEP after the last.
             axes: whose latest frame it is.
             shake: covariance that the new place has beside that of the motion (d, d).
-            offset_sd: standard deviation of its offset.
         """
         d, is_full = self.state.shape[2], len(self) == self.model.n_frames
         time = max(time, self.times[-1] + SHORTEST_STEP)
         dt = time - self.times[-1]
         shake = np.zeros((d, d)) if shake is None else shake
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
-        model = (float(self.model.density), shake, float(offset_sd))
-        self.state, self.covariance = motion_kernels.advance(self.state, self.covariance, dt, turned, model, is_full)
+        self.state, self.covariance = motion_kernels.advance(
+            self.state, self.covariance, dt, turned, float(self.model.density), shake, is_full
+        )
         self.times.append(time)
         self.axes.append(axes.latest)
         self.shakes.append(shake)
-        self.offset_sds.append(offset_sd)
         self._rates.append(self._latest_rate())
         if is_full:
             self._drop_oldest()
+        self.expected = self.at(-1), self.difference(-2)
         return is_full
 
     def place_last(self, place: Vector) -> None:
@@ -170,11 +179,11 @@ class Window:
 
     def _latest_rate(self) -> tuple[Vector, Square]:
         d = self.state.shape[2]
-        return self.state[-1, 1].copy(), self.covariance[-2 * d : -d, -2 * d : -d].copy()
+        return self.state[-1, 1].copy(), self.covariance[-d:, -d:].copy()
 
     def _drop_oldest(self) -> None:
         self.n_left += 1
-        for series in (self.times, self.axes, self.shakes, self.offset_sds, self._rates):
+        for series in (self.times, self.axes, self.shakes, self._rates):
             series.pop(0)
         self.comparisons = [c for c in self.comparisons if c.older >= self.n_left]
 
@@ -184,7 +193,7 @@ STILL.advance(0.0)
 
 
 def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
-    """Find the most likely places, rates and offsets of all frames of objects that share a model and axes.
+    """Find the most likely places and rates of all frames of objects that share a model and axes.
 
     Objects without comparisons stay as they are.  No axes: these do not matter, or do not turn.
     """
@@ -194,7 +203,7 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
     state, covariances, angles, rates, rate_variance = window_kernels.solve(
         _packed(windows, axes), _open(axes or STILL), float(windows[0].model.density), np.array(windows[0].model.tails)
     )
-    frame, width = 0, 3 * state.shape[2]
+    frame, width = 0, 2 * state.shape[2]
     for window, covariance in zip(windows, covariances, strict=True):
         n = len(window)
         window.state = state[frame : frame + n]
@@ -217,8 +226,9 @@ def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.W
         angles=np.zeros(len(numbers)) if axes is None else axes.angles_at(numbers),
         state=np.concatenate([window.state for window in windows]),
         shakes=np.concatenate([window.shakes for window in windows]),
-        offset_sds=np.concatenate([window.offset_sds for window in windows]),
         rates=np.array(rates),
+        expected=np.array([window.expected[0] for window in windows]),
+        expected_informations=np.linalg.inv(np.array([window.expected[1] for window in windows])),
         rate_informations=np.linalg.inv(np.array(covariances)),
         ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
         olders=np.array([c.start for c in comparisons]),

@@ -1,9 +1,8 @@
 """Least squares over the windows of many objects, with heavy-tailed errors, compiled by numba; behind `window`.
 
-An object's unknowns are, D numbers each for each frame: place, rate, and the offset by which what was seen of it is
-off.  Comparisons of two frames measure the difference of place plus offset, in the axes of their frames.  How these
-axes stand against ones that do not turn is unknown too, and the same for all objects: eliminating the objects one by
-one (Schur complement) leaves a small system for the axes.
+An object's unknowns are, D numbers each for each frame: place and rate.  Comparisons of two frames measure the
+difference of place, in the axes of their frames.  How these axes stand against ones that do not turn is unknown too,
+and the same for all objects: eliminating the objects one by one (Schur complement) leaves a small system for the axes.
 
 Source: iteratively reweighted least squares for Student's t (`heavy_tails`); elimination as in bundle adjustment,
 Triggs et al., "Bundle adjustment - a modern synthesis", 2000, section 6.1.
@@ -20,6 +19,7 @@ from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels
 MOST_ITERATIONS = 6
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
 TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
+HARDEST = 100.0  # acceleration that is thought of, in a crash [m/s^2]
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
 
 
@@ -32,9 +32,10 @@ class Windows(NamedTuple):
         times: of the frames [s] (N).
         axes: number of each frame among the open axes, or -1 (N).
         angles: of the axes of each frame [rad] (N); for open ones, where to start from.
-        state: unknowns to start from, in the axes of their frames (N, 3, D).
+        state: unknowns to start from, in the axes of their frames (N, 2, D).
         shakes: covariance that each frame's place has beside that of the motion (N, D, D); an object's first: unused.
-        offset_sds: standard deviation of each frame's offset (N).
+        expected: each object's last place, as its motion so far would have it, in the axes of that frame (K, D).
+        expected_informations: inverse covariance of the step to there (K, D, D).
         rates: what is known of the rate at each object's first frame (K, D).
         rate_informations: inverse covariance of that (K, D, D).
         ends: older and newer frame of each comparison, within its object (M, 2).
@@ -50,7 +51,8 @@ class Windows(NamedTuple):
     angles: np.ndarray
     state: np.ndarray
     shakes: np.ndarray
-    offset_sds: np.ndarray
+    expected: np.ndarray
+    expected_informations: np.ndarray
     rates: np.ndarray
     rate_informations: np.ndarray
     ends: np.ndarray
@@ -87,16 +89,18 @@ def solve(windows, axes, density, tails):
         windows: see `Windows`.
         axes: see `Axes`; at least one, that nothing may refer to.
         density: spectral density of the objects' white acceleration [m^2/s^3, rad^2/s^3].
-        tails: degrees of freedom of the errors of comparisons, of offsets, and of the motion; 0: normal.
+        tails: degrees of freedom of the errors of comparisons and of the motion; 0: normal.
 
     Returns:
-        the unknowns in the axes of their frames (N, 3, D); each object's covariance over all its frames (K, 3 n D,
-        3 n D), padded by zeros; angles, rates of the axes (G), and the variance of the latest rate.
+        the unknowns in the axes of their frames (N, 2, D); each object's covariance over all its frames (K, 2 n D,
+        2 n D), padded by zeros; angles, rates of the axes (G), and the variance of the latest rate.
     """
     K, G, D = len(windows.sizes), len(axes.times), windows.state.shape[2]
-    width = 3 * D * windows.sizes.max()
+    width = 2 * D * windows.sizes.max()
     angles, rates = axes.angles.copy(), axes.rates.copy()
     x, motions = _begin(windows, angles, density, D)
+    if D > 1:
+        _place_last(x, windows, angles, tails, D)
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
     x_alone, levers = b.copy(), L.copy()
     common = np.zeros((2 * G, 2 * G))
@@ -105,7 +109,7 @@ def solve(windows, axes, density, tails):
         rotations = axes_kernels.to_steady(windows, angles, D)
         frame = comparison = 0
         for k in range(K):
-            m = 3 * D * windows.sizes[k]
+            m = 2 * D * windows.sizes[k]
             H[k], b[k], L[k] = 0.0, 0.0, 0.0
             _add_object(H[k], b[k], L[k], A, a, x[k], k, frame, comparison, windows, motions, rotations, tails, D)
             right = np.empty((m, G + 1))
@@ -134,14 +138,14 @@ def solve(windows, axes, density, tails):
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def _begin(windows, angles, density, D):
-    """Give all unknowns in steady axes, padded (K, 3 n D), and the information of each step of motion (N, 4 D, 4 D)."""
-    x = np.zeros((len(windows.sizes), 3 * D * windows.sizes.max()))
+    """Give all unknowns in steady axes, padded (K, 2 n D), and the information of each step of motion (N, 4 D, 4 D)."""
+    x = np.zeros((len(windows.sizes), 2 * D * windows.sizes.max()))
     motions = np.zeros((len(windows.times), 4 * D, 4 * D))
     rotations, f = axes_kernels.to_steady(windows, angles, D), 0
     for k in range(len(windows.sizes)):
         for j in range(windows.sizes[k]):
-            for p in range(3):
-                x[k, (3 * j + p) * D : (3 * j + p + 1) * D] = rotations[f] @ windows.state[f, p]
+            for p in range(2):
+                x[k, (2 * j + p) * D : (2 * j + p + 1) * D] = rotations[f] @ windows.state[f, p]
             if j + 1 < windows.sizes[k]:
                 motions[f] = motion_kernels.information(
                     windows.times[f + 1] - windows.times[f], density, windows.shakes[f + 1], D
@@ -152,14 +156,50 @@ def _begin(windows, angles, density, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
+def _place_last(x, windows, angles, tails, D):
+    """Put each object's last place where it explains best: where it is, or where one of its comparisons would have it.
+
+    The iterations find the nearest maximum of the likelihood: where all comparisons tell of a sudden change, each
+    would be taken for an error, since it is far off.
+    """
+    rotations, frame, first = axes_kernels.to_steady(windows, angles, D), 0, 0
+    for k in range(len(windows.sizes)):
+        last, end = windows.sizes[k] - 1, first + windows.counts[k]
+        at, R = 2 * D * last, rotations[frame + last]
+        places, informations = [x[k, at : at + D].copy()], [R @ windows.expected_informations[k] @ R.T]
+        for c in range(first, end):
+            if windows.ends[c, 1] == last:
+                older = windows.ends[c, 0]
+                start = x[k, 2 * D * older : 2 * D * older + D] - rotations[frame + older] @ windows.olders[c]
+                places.append(start + R @ windows.newers[c])
+                informations.append(R @ windows.informations[c] @ R.T)
+        seconds = windows.times[frame + last] - windows.times[frame + last - 1]
+        expected, lowest, best = R @ windows.expected[k], np.inf, 0
+        for i in range(len(places)):
+            off = places[i] - expected
+            if i > 0 and off @ off > (HARDEST * seconds**2) ** 2:
+                continue
+            total = heavy_tails.cost(tails[1], 2 * D, off @ informations[0] @ off)
+            for j in range(1, len(places)):
+                off = places[i] - places[j]
+                total += heavy_tails.cost(tails[0], D, off @ informations[j] @ off)
+            if total < lowest:
+                lowest, best = total, i
+        if best > 0:
+            before = x[k, at - 2 * D : at]
+            x[k, at : at + D] = places[best]
+            x[k, at + D : at + 2 * D] = 1.5 * (places[best] - before[:D]) / seconds - 0.5 * before[D:]
+        frame, first = frame + windows.sizes[k], end
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
 def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, rotations, tails, D):
     """Add what is known of an object to its own system (H, b), to its levers L on the axes, and to theirs (A, a)."""
     R = rotations[frame]
     _add_beginning(H, b, x, R @ windows.rates[k], R @ windows.rate_informations[k] @ R.T, D)
     for i in range(windows.sizes[k] - 1):
-        _add_motion(H, x, i, motions[frame + i], tails[2], D)
-    for i in range(windows.sizes[k]):
-        _add_offset(H, x, i, windows.offset_sds[frame + i], tails[1], D)
+        _add_motion(H, x, i, motions[frame + i], tails[1], D)
     for c in range(comparison, comparison + windows.counts[k]):
         _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tails[0], D)
 
@@ -178,32 +218,11 @@ def _add_beginning(H, b, x, rate_mean, rate_information, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _place(a, i, D):
-    """Say where the a-th of (place, rate) of frame i and (place, rate) of frame i + 1 stands."""
-    return 3 * D * i + a if a < 2 * D else 3 * D * (i + 1) + a - 2 * D
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
 def _add_motion(H, x, i, motion, tail, D):
-    u = np.empty(4 * D)
-    for a in range(4 * D):
-        u[a] = x[_place(a, i, D)]
+    first, last = 2 * D * i, 2 * D * (i + 2)
+    u = x[first:last]
     weight = heavy_tails.weight(tail, 2 * D, u @ motion @ u)
-    for a in range(4 * D):
-        for c in range(4 * D):
-            H[_place(a, i, D), _place(c, i, D)] += weight * motion[a, c]
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _add_offset(H, x, i, sd, tail, D):
-    first, distance = 3 * D * i + 2 * D, 0.0
-    for d in range(D):
-        distance += (x[first + d] / sd) ** 2
-    weight = heavy_tails.weight(tail, D, distance)
-    for d in range(D):
-        H[first + d, first + d] += weight / sd**2
+    H[first:last, first:last] += weight * motion
 
 
 @njit(cache=True, nogil=True)
@@ -211,7 +230,7 @@ def _add_offset(H, x, i, sd, tail, D):
 def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, D):
     """Add comparison c: x_newer - x_older = R_newer q_newer - R_older q_older, about the present angles."""
     i, j = frame + windows.ends[c, 0], frame + windows.ends[c, 1]
-    older, newer = 3 * D * windows.ends[c, 0], 3 * D * windows.ends[c, 1]
+    older, newer = 2 * D * windows.ends[c, 0], 2 * D * windows.ends[c, 1]
     Ri, Rj = rotations[i], rotations[j]
     ends, step, off, information = np.zeros((2, D)), np.empty(D), np.empty(D), np.zeros((D, D))
     for d in range(D):
@@ -222,7 +241,7 @@ def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, D):
                 for q in range(D):
                     information[d, e] += Rj[d, p] * windows.informations[c, p, q] * Rj[e, q]
         step[d] = ends[0, d] - ends[1, d]
-        off[d] = x[newer + d] + x[newer + 2 * D + d] - x[older + d] - x[older + 2 * D + d] - step[d]
+        off[d] = x[newer + d] - x[older + d] - step[d]
     distance = 0.0
     for d in range(D):
         for e in range(D):
@@ -236,18 +255,15 @@ def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, D):
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def _add_step(H, b, older, newer, step, information, D):
-    """Add a difference of place plus offset between the frames that begin at `older` and `newer`."""
+    """Add a difference of place between the frames that begin at `older` and `newer`."""
     for d in range(D):
         pull = 0.0
         for e in range(D):
             share = information[d, e]
             pull += share * step[e]
-            for p in range(0, 3 * D, 2 * D):  # place and offset
-                for q in range(0, 3 * D, 2 * D):
-                    H[newer + p + d, newer + q + e] += share
-                    H[older + p + d, older + q + e] += share
-                    H[newer + p + d, older + q + e] -= share
-                    H[older + p + d, newer + q + e] -= share
-        for p in range(0, 3 * D, 2 * D):
-            b[newer + p + d] += pull
-            b[older + p + d] -= pull
+            H[newer + d, newer + e] += share
+            H[older + d, older + e] += share
+            H[newer + d, older + e] -= share
+            H[older + d, newer + e] -= share
+        b[newer + d] += pull
+        b[older + d] -= pull
