@@ -1,6 +1,6 @@
 """Pairs of one object's segments from KITTI tracklets, as AlignNet-3D's data sets are made of them."""
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -26,6 +26,10 @@ PAIR_SETS = {
     "kitti-tracklets-cars-persons": ("Car", "Van", "Pedestrian"),
 }
 HARD = "-hard"
+# name of the set -> its classes: looks 1 to 8 scans apart, in the sensor's own axes, as a tracker compares them
+LOOK_SETS = {"kitti-looks-cars": ("Car", "Van")}
+LOOKS_APART = (1, 3, 8)  # each look is compared with one before, so many scans ago in turn
+LOOKS_HELD = 10  # one of so many tracks that the split trains on validates, in sets of looks
 HARD_FRAMES, HARD_TURN = 10, np.deg2rad(45.0)  # at least so far apart, and turned by at least so much
 
 SPLIT_RULES = ("id", "sequence")
@@ -44,9 +48,12 @@ class _Look:
     box: Box
 
 
+Choice = Callable[[Iterable[dict[int, _Look]]], Iterator[tuple[_Look, _Look]]]
+
+
 def pair_set_names() -> list[str]:
     """List the sets that `kitti_pairs` knows."""
-    return [name + suffix for name in PAIR_SETS for suffix in ("", HARD)]
+    return [*(name + suffix for name in PAIR_SETS for suffix in ("", HARD)), *LOOK_SETS]
 
 
 def kitti_pairs(
@@ -57,6 +64,7 @@ def kitti_pairs(
     Regular sets pair consecutive frames; hard ones all frames of a track at least 10 apart between which the object
     turned by at least 45 degrees.  Pairs with an empty cloud are left out.  As published, nothing compensates the
     ego's motion, axes start at the camera (calibrated here), and the second cloud is moved to the first one's ground.
+    Sets of looks are ours, to train on: each look with the one 1, 3 or 8 scans ago, in turn, in the sensor's axes.
 
     Args:
         name: one of `pair_set_names()`.
@@ -72,12 +80,15 @@ def kitti_pairs(
         raise InputError(f"unknown set of pairs {name!r}; expected one of {', '.join(pair_set_names())}")
     if rule not in SPLIT_RULES:
         raise InputError(f"unknown split rule {rule!r}; expected one of {', '.join(SPLIT_RULES)}")
-    classes = PAIR_SETS[name.removesuffix(HARD)]
+    classes = LOOK_SETS[name] if name in LOOK_SETS else PAIR_SETS[name.removesuffix(HARD)]
+    chosen = _in_turn if name in LOOK_SETS else _far_apart if name.endswith(HARD) else _consecutive
     for sequence in sequences:
-        T_out_lidar = np.eye(4) if sequence.T_cam_lidar is None else _T_OUT_CAM @ sequence.T_cam_lidar
-        for rank, pair in track_pairs(sequence, classes, cache, T_out_lidar, name.endswith(HARD), progress):
-            parts = (p for p in ("train", "val", "test") if in_split(f"{rule}-{p}", sequence.name, rank))
-            yield next(parts), pair
+        is_in_sensor = name in LOOK_SETS or sequence.T_cam_lidar is None
+        T_out_lidar = np.eye(4) if is_in_sensor else _T_OUT_CAM @ sequence.T_cam_lidar
+        for rank, pair in track_pairs(sequence, classes, cache, T_out_lidar, progress, chosen):
+            part = next(p for p in ("train", "val", "test") if in_split(f"{rule}-{p}", sequence.name, rank))
+            is_held = name in LOOK_SETS and part == "train" and rank % LOOKS_HELD == LOOKS_HELD // 2
+            yield "val" if is_held else part, pair
 
 
 def track_pairs(
@@ -85,8 +96,8 @@ def track_pairs(
     classes: Collection[str],
     cache: Path,
     T_out_lidar: Transform,
-    is_hard: bool = False,
     progress: Progress | None = None,
+    chosen: Choice | None = None,
 ) -> Iterator[tuple[int, CloudPair]]:
     """Give (re-indexed track id, pair) of a sequence's tracks; pairs with an empty cloud are left out.
 
@@ -95,12 +106,12 @@ def track_pairs(
         classes: of the objects.
         cache: where cut segments are kept.
         T_out_lidar: the axes of the pairs; upright.
-        is_hard: pairs far apart instead of consecutive ones; all segments of the sequence are in memory then.
         progress: told of every frame that is cut.
+        chosen: which looks are paired; consecutive ones by default.
     """
     report = None if progress is None else partial(progress, f"{sequence.name}: cutting segments")
     frames = cut_sequence(sequence, cache, report).frames()
-    for first, second in (_far_apart if is_hard else _consecutive)(_looks(frames, classes)):
+    for first, second in (chosen or _consecutive)(_looks(frames, classes)):
         rank = sequence.reindexed[first.box.track_id]
         yield rank, _pair(sequence.name, rank, first, second, T_out_lidar)
 
@@ -125,6 +136,17 @@ def _consecutive(frames: Iterable[dict[int, _Look]]) -> Iterator[tuple[_Look, _L
     for now in frames:
         yield from ((before[track_id], look) for track_id, look in now.items() if track_id in before)
         before = now
+
+
+def _in_turn(frames: Iterable[dict[int, _Look]]) -> Iterator[tuple[_Look, _Look]]:
+    """Pair the looks of each frame with those 1, 3 or 8 scans before, frame by frame in turn."""
+    kept: deque[dict[int, _Look]] = deque(maxlen=max(LOOKS_APART))
+    for number, now in enumerate(frames):
+        apart = LOOKS_APART[number % len(LOOKS_APART)]
+        if apart <= len(kept):
+            before = kept[-apart]
+            yield from ((before[track_id], look) for track_id, look in now.items() if track_id in before)
+        kept.append(now)
 
 
 def _far_apart(frames: Iterable[dict[int, _Look]]) -> Iterator[tuple[_Look, _Look]]:

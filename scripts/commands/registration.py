@@ -54,7 +54,8 @@ def pairs(
         str,
         typer.Argument(
             help="synth-cars, synth-cars-persons, synth-20, synth-20-others; kitti-like-cars, "
-            "kitti-like-cars-persons, kitti-tracklets-cars, kitti-tracklets-cars-persons: each also -hard"
+            "kitti-like-cars-persons, kitti-tracklets-cars, kitti-tracklets-cars-persons: each also -hard; "
+            "kitti-looks-cars"
         ),
     ],
     out: Annotated[Path, typer.Option(help="the set's folder; must not hold anything yet")],
@@ -62,7 +63,7 @@ def pairs(
     counts: Annotated[str, typer.Option(help="pairs to generate: train,val,test")] = "8000,1000,1000",
     meshes: Annotated[Path | None, typer.Option(help="folder of meshes for synth-*; default: our own shapes")] = None,
     jobs: Annotated[int, typer.Option(help="processes that generate; 0: one a core")] = 0,
-    root: Annotated[Path | None, typer.Option(help="kitti-tracklets-* need it: a KITTI folder with scans")] = None,
+    root: Annotated[Path | None, typer.Option(help="kitti-tracklets-*, kitti-looks-* need it: a KITTI folder with scans")] = None,
     sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
     rule: Annotated[str, typer.Option(help="part of a pair of kitti-tracklets-*: by track id, or by sequence")] = "id",
 ) -> None:

@@ -1,5 +1,7 @@
 """Pairs from KITTI tracklets: consecutive ones, hard ones, their axes and their truth."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,22 @@ def test_named_sets_start_at_the_camera_and_stand_on_one_ground(street, tmp_path
         assert camera.start_position[2] == pytest.approx(camera.end_position[2], abs=1e-9)
         assert camera.start_position[0] == pytest.approx(center[2])  # forward
         assert camera.extra["frames"][1] == camera.extra["frames"][0] + 1
+
+
+def test_looks_are_paired_as_a_tracker_compares_them(tmp_path):
+    simulate(create_scene("street", 1, 9), tmp_path / "root", seed=1)
+    street = open_sequence(tmp_path / "root", "0000")
+    found = list(kitti_pairs("kitti-looks-cars", [street], tmp_path))
+    assert {p.extra["trackids"][0] % 10 == 5 for part, p in found if part == "val"} == {True}
+    pairs = [pair for _, pair in found]
+    apart = Counter(p.extra["frames"][1] - p.extra["frames"][0] for p in pairs)
+    assert set(apart) == {1, 3, 8}
+    assert min(apart.values()) >= 5
+    newer = [(p.extra["trackids"][1], p.extra["frames"][1]) for p in pairs]
+    assert len(set(newer)) == len(newer)
+    for p in pairs:  # in the sensor's axes: what is seen is around the box, as it stands there
+        assert np.hypot(*(p.source.mean(axis=0) - p.start_position)[:2]) < 3.0
+        assert p.source[:, 2].mean() < 0.5
 
 
 def test_persons_come_in_only_where_asked_for(street, tmp_path):
