@@ -63,7 +63,9 @@ def pairs(
     counts: Annotated[str, typer.Option(help="pairs to generate: train,val,test")] = "8000,1000,1000",
     meshes: Annotated[Path | None, typer.Option(help="folder of meshes for synth-*; default: our own shapes")] = None,
     jobs: Annotated[int, typer.Option(help="processes that generate; 0: one a core")] = 0,
-    root: Annotated[Path | None, typer.Option(help="kitti-tracklets-*, kitti-looks-* need it: a KITTI folder with scans")] = None,
+    root: Annotated[
+        Path | None, typer.Option(help="kitti-tracklets-*, kitti-looks-* need it: a KITTI folder with scans")
+    ] = None,
     sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
     rule: Annotated[str, typer.Option(help="part of a pair of kitti-tracklets-*: by track id, or by sequence")] = "id",
 ) -> None:

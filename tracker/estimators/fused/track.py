@@ -60,9 +60,7 @@ class Track:
     n_centers: int = 0
 
     @classmethod
-    def start(
-        cls, models: tuple[MotionModel, MotionModel], sighting: Sighting, look: Look, axes: Heading
-    ) -> "Track":
+    def start(cls, models: tuple[MotionModel, MotionModel], sighting: Sighting, look: Look, axes: Heading) -> "Track":
         """Begin at the middle of a look.
 
         Args:

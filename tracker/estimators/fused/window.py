@@ -41,16 +41,14 @@ class Comparison:
 
     Attributes:
         older, newer: numbers of the frames since the first that the window ever had.
-        start: a point of the object in the older frame (d); matters where axes turn.
-        step: from there to where the same point is in the newer frame (d).
-        information: its inverse covariance (d, d); singular where a direction was not measured.
+        measured: a point of the object in the older frame (d), which matters where axes turn; the same point in the
+            newer frame (d); inverse covariance of the step between, row by row (d d), singular where a direction was
+            not measured.
     """
 
     older: int
     newer: int
-    start: Vector
-    step: Vector
-    information: Square
+    measured: Vector
 
 
 @dataclass
@@ -66,10 +64,10 @@ class Window:
         axes: number of each frame in the `Heading` that they share with other objects.
         state: place, rate of each (n, 2, d).
         covariance: of all of it, frame by frame (2 n d, 2 n d).
+        expected: the last place, as the motion so far would have it, and the covariance of the step to there.
         n_left: how many frames have left the window.
         comparisons: between frames of the window.
         shakes: of the frames; see `advance`.
-        expected: the last place, as the motion so far would have it, and the covariance of the step to there.
     """
 
     model: MotionModel
@@ -77,10 +75,10 @@ class Window:
     axes: list[int]
     state: Float64[np.ndarray, "n 2 d"]
     covariance: Joint
+    expected: tuple[Vector, Square]
     n_left: int = 0
     comparisons: list[Comparison] = field(default_factory=list)
     shakes: list[Square] = field(default_factory=list)
-    expected: tuple[Vector, Square] | None = None
     _rates: list[tuple[Vector, Square]] = field(default_factory=list)  # of each frame, known at its own time
 
     @classmethod
@@ -91,7 +89,7 @@ class Window:
         state[0, 0] = place
         variances = np.repeat([PLACED, model.rate_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
-        frame = ([time], [axes.latest], state, np.diag(variances))
+        frame = ([time], [axes.latest], state, np.diag(variances), (place, PLACED * np.eye(d)))
         return cls(model, *frame, shakes=[np.zeros((d, d))], _rates=[rate])
 
     def __len__(self) -> int:
@@ -166,7 +164,8 @@ class Window:
         """
         if information.any():
             newest = self.n_left + len(self) - 1
-            self.comparisons.append(Comparison(newest - lag, newest, start, step, information))
+            measured = np.concatenate([start, start + step, information.ravel()])
+            self.comparisons.append(Comparison(newest - lag, newest, measured))
 
     @property
     def first_rate(self) -> tuple[Vector, Square]:
@@ -216,8 +215,11 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
 
 def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.Windows:
     comparisons = [comparison for window in windows for comparison in window.comparisons]
+    d = windows[0].state.shape[2]
+    measured = np.concatenate([comparison.measured for comparison in comparisons]).reshape(len(comparisons), -1)
     numbers = np.array([number for window in windows for number in window.axes])
-    rates, covariances = zip(*(window.first_rate for window in windows), strict=True)
+    rates, rate_covariances = zip(*(window.first_rate for window in windows), strict=True)
+    expected, step_covariances = zip(*(window.expected for window in windows), strict=True)
     return window_kernels.Windows(
         sizes=np.array([len(window) for window in windows]),
         counts=np.array([len(window.comparisons) for window in windows]),
@@ -227,13 +229,13 @@ def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.W
         state=np.concatenate([window.state for window in windows]),
         shakes=np.concatenate([window.shakes for window in windows]),
         rates=np.array(rates),
-        expected=np.array([window.expected[0] for window in windows]),
-        expected_informations=np.linalg.inv(np.array([window.expected[1] for window in windows])),
-        rate_informations=np.linalg.inv(np.array(covariances)),
+        expected=np.array(expected),
+        expected_informations=np.linalg.inv(np.array(step_covariances)),
+        rate_informations=np.linalg.inv(np.array(rate_covariances)),
         ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
-        olders=np.array([c.start for c in comparisons]),
-        newers=np.array([c.start + c.step for c in comparisons]),
-        informations=np.array([c.information for c in comparisons]),
+        olders=np.ascontiguousarray(measured[:, :d]),
+        newers=np.ascontiguousarray(measured[:, d : 2 * d]),
+        informations=np.ascontiguousarray(measured[:, 2 * d :]).reshape(-1, d, d),
     )
 
 

@@ -16,7 +16,7 @@ from numba import njit
 
 from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels
 
-MOST_ITERATIONS = 6
+MOST_ITERATIONS = 4
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
 TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
 HARDEST = 100.0  # acceleration that is thought of, in a crash [m/s^2]
@@ -174,22 +174,33 @@ def _place_last(x, windows, angles, tails, D):
                 places.append(start + R @ windows.newers[c])
                 informations.append(R @ windows.informations[c] @ R.T)
         seconds = windows.times[frame + last] - windows.times[frame + last - 1]
-        expected, lowest, best = R @ windows.expected[k], np.inf, 0
-        for i in range(len(places)):
-            off = places[i] - expected
-            if i > 0 and off @ off > (HARDEST * seconds**2) ** 2:
-                continue
-            total = heavy_tails.cost(tails[1], 2 * D, off @ informations[0] @ off)
-            for j in range(1, len(places)):
-                off = places[i] - places[j]
-                total += heavy_tails.cost(tails[0], D, off @ informations[j] @ off)
-            if total < lowest:
-                lowest, best = total, i
+        best = _best(places, informations, R @ windows.expected[k], HARDEST * seconds**2, tails)
         if best > 0:
             before = x[k, at - 2 * D : at]
             x[k, at : at + D] = places[best]
             x[k, at + D : at + 2 * D] = 1.5 * (places[best] - before[:D]) / seconds - 0.5 * before[D:]
         frame, first = frame + windows.sizes[k], end
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _best(places, informations, expected, farthest, tails):
+    """Choose among the present place and those of comparisons, no farther than `farthest` from the expected one.
+
+    The first information is that of the expected place, the others are those of the comparisons.
+    """
+    lowest, best, D = np.inf, 0, len(expected)
+    for i in range(len(places)):
+        off = places[i] - expected
+        if i > 0 and off @ off > farthest**2:
+            continue
+        total = heavy_tails.cost(tails[1], 2 * D, off @ informations[0] @ off)
+        for j in range(1, len(places)):
+            off = places[i] - places[j]
+            total += heavy_tails.cost(tails[0], D, off @ informations[j] @ off)
+        if total < lowest:
+            lowest, best = total, i
+    return best
 
 
 @njit(cache=True, nogil=True)
