@@ -156,6 +156,7 @@ def test_the_command_makes_a_set_that_registers(tmp_path, monkeypatch):
     [
         (["synth-car"], 1, "Did you mean 'synth-cars'"),
         (["kitti-tracklets-cars"], 2, "needs --root"),
+        (["kitti-looks-cars"], 2, "needs --root"),
         (["kitti-like-cars", "--root", "."], 2, "takes no --root"),
         (["kitti-like-cars", "--meshes", "."], 1, "takes no folder of meshes"),
         (["kitti-like-cars", "--counts", "1,2"], 1, "expected three counts of pairs"),
