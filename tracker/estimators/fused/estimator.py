@@ -75,8 +75,8 @@ class FusedEstimator(FrameEstimator):
 
     A step between neighbouring scans is precise to centimetres, which are decimetres a second; the same centimetres
     over eight scans are a tenth of that, if the motion between is smooth.  A `Window` of the last frames finds the
-    places that agree with all comparisons and with a motion of nearly constant velocity, where single comparisons,
-    looks and accelerations may be far off (Student's t).  Nothing is accumulated that a wrong velocity could smear.
+    places that agree with all comparisons and with a motion of nearly constant velocity, where single comparisons
+    and accelerations may be far off (Student's t).  Nothing is accumulated that a wrong velocity could smear.
 
     Without ego poses all is relative to the sensor, in its axes.
     """

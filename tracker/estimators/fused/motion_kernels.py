@@ -72,13 +72,14 @@ def steps(state, covariance, times, shakes, density, tail, D):
     """Give how far the object moved from frame to frame, without what only its frames' axes shook (n - 1, D).
 
     Between two rates, a motion of nearly constant rate leaves a displacement as open as `density` dt^3 / 12 about their
-    mean, and more where it changes suddenly; what the places differ from that is the motion's share, and the shake's.
+    mean, and more where it changes suddenly (a crash is no error of a pose); what the places differ from that is the
+    motion's share, and the shake's.  Axes shake or turn, not both: then the shake is 0, and a step a difference.
 
     Returns:
-        displacements, and their covariances (n - 1, D, D).
+        displacements; what is open of them since places and rates are (n - 1, D, D), and since axes shake (n - 1, D, D).
     """
     n = len(times)
-    found, covariances = np.empty((n - 1, D)), np.empty((n - 1, D, D))
+    found, covariances, shaken = np.empty((n - 1, D)), np.empty((n - 1, D, D)), np.empty((n - 1, D, D))
     J, one = np.zeros((D, 4 * D)), np.eye(D)
     for j in range(n - 1):
         dt, first = times[j + 1] - times[j], 2 * D * j
@@ -89,6 +90,6 @@ def steps(state, covariance, times, shakes, density, tail, D):
         J[:, :D], J[:, 2 * D : 3 * D] = shake - one, one - shake
         J[:, D : 2 * D] = J[:, 3 * D :] = 0.5 * dt * shake
         joint = np.ascontiguousarray(covariance[first : first + 4 * D, first : first + 4 * D])
-        covariances[j] = J @ joint @ J.T + shake @ own
+        covariances[j], shaken[j] = J @ joint @ J.T, shake @ own
         found[j] = J @ both
-    return found, covariances
+    return found, covariances, shaken

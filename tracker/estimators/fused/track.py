@@ -131,8 +131,8 @@ class Track:
         """Read what is known now of each step."""
         centers, numbers = self.centers(), np.array(self.place.axes)
         seconds = np.diff(self.place.times)[:, None]
-        _, turns = self.turn.steps()
-        moved, covariances = self.place.steps()
+        _, turns, _ = self.turn.steps()
+        moved, covariances, shaken = self.place.steps()
         arms = centers - self.place.state[:, 0]
         moved, arms = moved + np.diff(arms, axis=0), arms[1:, ::-1] * [-1.0, 1.0]
         covariances = covariances + turns * arms[:, :, None] * arms[:, None, :]
@@ -144,7 +144,7 @@ class Track:
             lengths=np.diff(numbers),
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=moved / seconds,
-            covariances=HONEST_SHARE * covariances / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
+            covariances=(HONEST_SHARE * covariances + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
         )
 
     def yaw_rate(self) -> float:

@@ -12,6 +12,7 @@ from tracker.estimators.fused.heading import Heading
 
 Vector = Float64[np.ndarray, " d"]
 Square = Float64[np.ndarray, "d d"]
+Moved = tuple[Float64[np.ndarray, "m d"], Float64[np.ndarray, "m d d"], Float64[np.ndarray, "m d d"]]
 Joint = Float64[np.ndarray, "m m"]  # over all frames, m = 2 n d
 
 SHORTEST_STEP = 0.01  # [s]
@@ -43,12 +44,12 @@ class Comparison:
         older, newer: numbers of the frames since the first that the window ever had.
         measured: a point of the object in the older frame (d), which matters where axes turn; the same point in the
             newer frame (d); inverse covariance of the step between, row by row (d d), singular where a direction was
-            not measured.
+            not measured.  In one row, since a frame's comparisons are many, and are stacked three times.
     """
 
     older: int
     newer: int
-    measured: Vector
+    measured: Float64[np.ndarray, " row"]
 
 
 @dataclass
@@ -64,7 +65,7 @@ class Window:
         axes: number of each frame in the `Heading` that they share with other objects.
         state: place, rate of each (n, 2, d).
         covariance: of all of it, frame by frame (2 n d, 2 n d).
-        expected: the last place, as the motion so far would have it, and the covariance of the step to there.
+        expected: the last step, as the motion so far would have it, in the axes of the frame before; its covariance.
         n_left: how many frames have left the window.
         comparisons: between frames of the window.
         shakes: of the frames; see `advance`.
@@ -89,7 +90,7 @@ class Window:
         state[0, 0] = place
         variances = np.repeat([PLACED, model.rate_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
-        frame = ([time], [axes.latest], state, np.diag(variances), (place, PLACED * np.eye(d)))
+        frame = ([time], [axes.latest], state, np.diag(variances), (np.zeros(d), np.eye(d)))
         return cls(model, *frame, shakes=[np.zeros((d, d))], _rates=[rate])
 
     def __len__(self) -> int:
@@ -100,9 +101,14 @@ class Window:
         place: Vector = self.state[i, 0].copy()
         return place
 
-    def steps(self) -> tuple[Float64[np.ndarray, "m d"], Float64[np.ndarray, "m d d"]]:
-        """Give how far the object moved from each frame to the next, and the covariances of that; see `shakes`."""
-        found: tuple[Float64[np.ndarray, "m d"], Float64[np.ndarray, "m d d"]] = motion_kernels.steps(
+    def steps(self) -> Moved:
+        """Give how far the object moved from each frame to the next, without what its axes shook.
+
+        Returns:
+            displacements (n - 1, d), and two parts of their covariances (n - 1, d, d): what is open since places and
+            rates are, and since axes shake.
+        """
+        found: Moved = motion_kernels.steps(
             self.state,
             self.covariance,
             np.array(self.times),
@@ -115,9 +121,9 @@ class Window:
 
     def step(self) -> tuple[Vector, Square]:
         """Give the mean rate over the latest step, and its covariance."""
-        moved, covariances = self.steps()
+        moved, covariances, shaken = self.steps()
         dt = self.times[-1] - self.times[-2]
-        return moved[-1] / dt, covariances[-1] / dt**2
+        return moved[-1] / dt, (covariances[-1] + shaken[-1]) / dt**2
 
     def difference(self, i: int, j: int = -1) -> Square:
         """Give the covariance of the difference of place between frames i and j."""
@@ -140,6 +146,7 @@ class Window:
         time = max(time, self.times[-1] + SHORTEST_STEP)
         dt = time - self.times[-1]
         shake = np.zeros((d, d)) if shake is None else shake
+        self.expected = dt * self.state[-1, 1], dt**2 * self._latest_rate()[1] + self._open(dt) + shake
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         self.state, self.covariance = motion_kernels.advance(
             self.state, self.covariance, dt, turned, float(self.model.density), shake, is_full
@@ -150,12 +157,12 @@ class Window:
         self._rates.append(self._latest_rate())
         if is_full:
             self._drop_oldest()
-        self.expected = self.at(-1), self.difference(-2)
         return is_full
 
     def place_last(self, place: Vector) -> None:
-        """Say where the last frame is to be looked for first."""
+        """Say where the last frame is to be looked for first; rates are those that lead there."""
         self.state[-1, 0] = place
+        self.state[-2:, 1] = (place - self.state[-2, 0]) / (self.times[-1] - self.times[-2])
 
     def compare(self, lag: int, start: Vector, step: Vector, information: Square) -> None:
         """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
@@ -179,6 +186,11 @@ class Window:
     def _latest_rate(self) -> tuple[Vector, Square]:
         d = self.state.shape[2]
         return self.state[-1, 1].copy(), self.covariance[-d:, -d:].copy()
+
+    def _open(self, dt: float) -> Square:
+        """Give the covariance of a displacement that the acceleration's noise adds."""
+        found: Square = self.model.density * dt**3 / 3.0 * np.eye(self.state.shape[2])
+        return found
 
     def _drop_oldest(self) -> None:
         self.n_left += 1
@@ -230,7 +242,7 @@ def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.W
         shakes=np.concatenate([window.shakes for window in windows]),
         rates=np.array(rates),
         expected=np.array(expected),
-        expected_informations=np.linalg.inv(np.array(step_covariances)),
+        expected_covariances=np.array(step_covariances),
         rate_informations=np.linalg.inv(np.array(rate_covariances)),
         ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
         olders=np.ascontiguousarray(measured[:, :d]),

@@ -19,7 +19,7 @@ from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels
 MOST_ITERATIONS = 4
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
 TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
-HARDEST = 100.0  # acceleration that is thought of, in a crash [m/s^2]
+HARDEST = 50.0  # acceleration that is thought of, as in a crash, beside what is not known of the motion [m/s^2]
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
 
 
@@ -34,8 +34,8 @@ class Windows(NamedTuple):
         angles: of the axes of each frame [rad] (N); for open ones, where to start from.
         state: unknowns to start from, in the axes of their frames (N, 2, D).
         shakes: covariance that each frame's place has beside that of the motion (N, D, D); an object's first: unused.
-        expected: each object's last place, as its motion so far would have it, in the axes of that frame (K, D).
-        expected_informations: inverse covariance of the step to there (K, D, D).
+        expected: each object's last step, as its motion so far would have it, in the axes of the frame before (K, D).
+        expected_covariances: of that (K, D, D).
         rates: what is known of the rate at each object's first frame (K, D).
         rate_informations: inverse covariance of that (K, D, D).
         ends: older and newer frame of each comparison, within its object (M, 2).
@@ -52,7 +52,7 @@ class Windows(NamedTuple):
     state: np.ndarray
     shakes: np.ndarray
     expected: np.ndarray
-    expected_informations: np.ndarray
+    expected_covariances: np.ndarray
     rates: np.ndarray
     rate_informations: np.ndarray
     ends: np.ndarray
@@ -99,8 +99,8 @@ def solve(windows, axes, density, tails):
     width = 2 * D * windows.sizes.max()
     angles, rates = axes.angles.copy(), axes.rates.copy()
     x, motions = _begin(windows, angles, density, D)
-    if D > 1:
-        _place_last(x, windows, angles, tails, D)
+    if D > 1:  # turns are told well enough, and slow
+        _choose_last(x, windows, angles, tails, D)
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
     x_alone, levers = b.copy(), L.copy()
     common = np.zeros((2 * G, 2 * G))
@@ -156,7 +156,7 @@ def _begin(windows, angles, density, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _place_last(x, windows, angles, tails, D):
+def _choose_last(x, windows, angles, tails, D):
     """Put each object's last place where it explains best: where it is, or where one of its comparisons would have it.
 
     The iterations find the nearest maximum of the likelihood: where all comparisons tell of a sudden change, each
@@ -166,7 +166,10 @@ def _place_last(x, windows, angles, tails, D):
     for k in range(len(windows.sizes)):
         last, end = windows.sizes[k] - 1, first + windows.counts[k]
         at, R = 2 * D * last, rotations[frame + last]
-        places, informations = [x[k, at : at + D].copy()], [R @ windows.expected_informations[k] @ R.T]
+        before, R_before = x[k, at - 2 * D : at], rotations[frame + last - 1]
+        expected = before[:D] + R_before @ windows.expected[k]
+        uncertain = R_before @ windows.expected_covariances[k] @ R_before.T
+        places, informations = [x[k, at : at + D].copy()], [np.ascontiguousarray(np.linalg.inv(uncertain))]
         for c in range(first, end):
             if windows.ends[c, 1] == last:
                 older = windows.ends[c, 0]
@@ -174,9 +177,9 @@ def _place_last(x, windows, angles, tails, D):
                 places.append(start + R @ windows.newers[c])
                 informations.append(R @ windows.informations[c] @ R.T)
         seconds = windows.times[frame + last] - windows.times[frame + last - 1]
-        best = _best(places, informations, R @ windows.expected[k], HARDEST * seconds**2, tails)
+        farthest = HARDEST * seconds**2 + 3.0 * np.sqrt(np.trace(uncertain))
+        best = _best(places, informations, expected, farthest, tails)
         if best > 0:
-            before = x[k, at - 2 * D : at]
             x[k, at : at + D] = places[best]
             x[k, at + D : at + 2 * D] = 1.5 * (places[best] - before[:D]) / seconds - 0.5 * before[D:]
         frame, first = frame + windows.sizes[k], end
@@ -187,7 +190,7 @@ def _place_last(x, windows, angles, tails, D):
 def _best(places, informations, expected, farthest, tails):
     """Choose among the present place and those of comparisons, no farther than `farthest` from the expected one.
 
-    The first information is that of the expected place, the others are those of the comparisons.
+    The first information belongs to the expected place, the others to the places of comparisons.
     """
     lowest, best, D = np.inf, 0, len(expected)
     for i in range(len(places)):
