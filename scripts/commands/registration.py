@@ -67,7 +67,7 @@ def pairs(
         Path | None, typer.Option(help="kitti-tracklets-*, kitti-looks-* need it: a KITTI folder with scans")
     ] = None,
     sequence: Sequences = [],  # noqa: B006 - typer makes a new list of it
-    rule: Annotated[str, typer.Option(help="part of a pair of kitti-tracklets-*: by track id, or by sequence")] = "id",
+    rule: Annotated[str, typer.Option(help="part of a pair cut from KITTI: by track id, or by sequence")] = "id",
 ) -> None:
     """Write a set of cloud pairs with known motion, in AlignNet-3D's format on disk: generated, or cut from KITTI.
 

@@ -12,7 +12,7 @@ from tracker.estimators.contract import look
 from tracker.estimators.fused import heavy_tails, parked, scene
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look
-from tracker.estimators.fused.sources import Expected, Laid, Learned, Shape
+from tracker.estimators.fused.sources import Evidence, Expected, Laid, Learned, Shape
 from tracker.estimators.fused.track import Steps
 from tracker.estimators.fused.window import MotionModel, Window, solve
 from tracker.types import EstimateStatus
@@ -179,6 +179,14 @@ def test_a_comparison_without_information_is_left_out():
     n = len(window.comparisons)
     window.compare(2, np.zeros(2), np.zeros(2), np.zeros((2, 2)))
     assert len(window.comparisons) == n
+
+
+def test_doubt_adds_to_the_covariance_where_there_is_one():
+    covariance, sd = np.array([[0.04, 0.01], [0.01, 0.02]]), 0.3
+    known = Evidence(np.zeros(2), np.linalg.inv(covariance), 0.0, 1.0)
+    np.testing.assert_allclose(np.linalg.inv(known.doubted(sd).information), covariance + sd**2 * np.eye(2))
+    half_known = Evidence(np.zeros(2), np.diag([4.0, 0.0]), 0.0, 1.0)
+    np.testing.assert_allclose(half_known.doubted(0.5).information, np.diag([2.0, 0.0]))
 
 
 def test_shapes_tell_how_far_and_how_much_an_object_has_moved():

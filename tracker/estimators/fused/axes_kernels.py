@@ -67,24 +67,36 @@ def in_own_axes(x, H, levers, common, windows, angles, D):
     state, rotations = np.zeros(windows.state.shape), to_steady(windows, angles, D)
     frame = 0
     for k in range(len(windows.sizes)):
-        m = 2 * D * windows.sizes[k]
-        turn, lever = np.zeros((m, m)), levers[k, :m].copy()
-        for j in range(windows.sizes[k]):
-            R = rotations[frame].T
-            for p in range(2):
-                at = (2 * j + p) * D
-                turn[at : at + D, at : at + D] = R
-                state[frame, p] = R @ x[k, at : at + D]
-            frame += 1
-        lever = turn @ lever
-        for j in range(windows.sizes[k]):
-            f = frame - windows.sizes[k] + j
+        n = windows.sizes[k]
+        m, last = 2 * D * n, frame + n
+        unknowns, lever, own = x[k, :m].copy().reshape(m, 1), levers[k, :m].copy(), np.linalg.inv(H[k, :m, :m].copy())
+        turns = rotations[frame:last]
+        _turn_back(unknowns, turns, D)
+        _turn_back(lever, turns, D)
+        _turn_back(own, turns, D)
+        _turn_back(own.T, turns, D)
+        state[frame:last] = unknowns.reshape(n, 2, D)
+        for f in range(frame, last):
             if D == 2 and windows.axes[f] >= 0:
-                lever[2 * j * D, windows.axes[f]] += state[f, 0, 1]
-                lever[2 * j * D + 1, windows.axes[f]] -= state[f, 0, 0]
-        own = turn @ np.linalg.inv(H[k, :m, :m].copy()) @ turn.T
+                at = 2 * D * (f - frame)
+                lever[at, windows.axes[f]] += state[f, 0, 1]
+                lever[at + 1, windows.axes[f]] -= state[f, 0, 0]
         H[k, :m, :m] = own + lever @ common @ lever.T
+        frame = last
     return state
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _turn_back(rows, rotations, D):
+    """Turn the rows of each frame's place and rate from the steady axes to its own, in place."""
+    if D < 2:
+        return
+    for i in range(len(rows) // 2):
+        c, s = rotations[i // 2, 0, 0], rotations[i // 2, 1, 0]
+        for e in range(rows.shape[1]):
+            along, across = rows[2 * i, e], rows[2 * i + 1, e]
+            rows[2 * i, e], rows[2 * i + 1, e] = c * along + s * across, c * across - s * along
 
 
 @njit(cache=True, nogil=True)

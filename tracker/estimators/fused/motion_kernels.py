@@ -76,7 +76,7 @@ def steps(state, covariance, times, shakes, density, tail, D):
     motion's share, and the shake's.  Axes shake or turn, not both: then the shake is 0, and a step a difference.
 
     Returns:
-        displacements; what is open of them since places and rates are (n - 1, D, D), and since axes shake (n - 1, D, D).
+        displacements; what is open of them since places and rates are (n - 1, D, D), and since axes shake (the same).
     """
     n = len(times)
     found, covariances, shaken = np.empty((n - 1, D)), np.empty((n - 1, D, D)), np.empty((n - 1, D, D))

@@ -132,10 +132,10 @@ class Track:
         centers, numbers = self.centers(), np.array(self.place.axes)
         seconds = np.diff(self.place.times)[:, None]
         _, turns, _ = self.turn.steps()
-        moved, covariances, shaken = self.place.steps()
+        moved, known, shaken = self.place.steps()
         arms = centers - self.place.state[:, 0]
         moved, arms = moved + np.diff(arms, axis=0), arms[1:, ::-1] * [-1.0, 1.0]
-        covariances = covariances + turns * arms[:, :, None] * arms[:, None, :]
+        known = known + turns * arms[:, :, None] * arms[:, None, :]
         n_points = np.array([look.n_points for look in self.looks])
         least = LEAST_SD**2 + (FEW_SD / np.minimum(n_points[1:], n_points[:-1])) ** 2
         return Steps(
@@ -144,7 +144,7 @@ class Track:
             lengths=np.diff(numbers),
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=moved / seconds,
-            covariances=(HONEST_SHARE * covariances + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
+            covariances=(HONEST_SHARE * known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
         )
 
     def yaw_rate(self) -> float:
