@@ -45,6 +45,7 @@ def variants() -> dict[str, FusedSettings]:
         "earlier looks than the last": replace(whole, shape_lags=(1,), learned_lags=(1,)),
         "heavy tails": replace(whole, motion=motion, turn=turn),
         "doubt where looks differ": replace(whole, shape_changed=0.0, learned_changed=0.0),
+        "doubt of few points": replace(whole, single_point=0.0),
         "motion during a sweep": replace(whole, undoes_sweep=False),
         "steady axes": replace(whole, turns_axes=False),
         "the centre": replace(whole, refers_to_center=False),

@@ -1,5 +1,6 @@
 """The estimator `fused`: each look at an object is compared with several earlier ones, and all of it weighed."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -40,6 +41,8 @@ class FusedSettings:
             and by the network, as when an object comes out from behind another one: a part that grows pulls the whole
             along.  It goes with the square of the share of points that came or went, beside those that the range
             explains [m].
+        single_point: standard deviation of where an object is by a single point of it; by n points, an n-th of that: which
+            of its points are seen is chance [m].
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
@@ -55,6 +58,7 @@ class FusedSettings:
     learned_lags: tuple[int, ...] = (1, 3, 8)
     shape_changed: float = 2.0
     learned_changed: float = 1.2
+    single_point: float = 0.5
     search_floor: float = 0.1
     search_doubt: float = 4.0
     pose_turn_sd: float = 0.001
@@ -167,7 +171,7 @@ class FusedEstimator(FrameEstimator):
             if answer is not None:
                 track = known[key]
                 evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.at(-1 - lag))
-                doubt = self.settings.learned_changed * track.changed(lag, new[key])
+                doubt = self._doubt(self.settings.learned_changed, track, lag, new[key])
                 track.hear(lag, evidence.doubted(doubt), self._axes)
                 told[key] = track
         solve([track.place for track in told.values()], self._axes)
@@ -184,10 +188,16 @@ class FusedEstimator(FrameEstimator):
             laid.append(Laid(track.looks[-lag].points, number[key], track.place.at(-1 - lag), expected))
         found = self._shape.compare(laid, [new[key] for key in known])
         for (key, lag), evidence in zip(jobs, found, strict=True):
-            doubt = self.settings.shape_changed * known[key].changed(lag, new[key])
-            known[key].hear(lag, evidence.doubted(doubt) if evidence.was_searched else evidence, self._axes)
+            by_change = self.settings.shape_changed if evidence.was_searched else 0.0
+            doubt = self._doubt(by_change, known[key], lag, new[key])
+            known[key].hear(lag, evidence.doubted(doubt), self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}
+
+    def _doubt(self, by_change: float, track: Track, lag: int, new: Look) -> float:
+        """Give the standard deviation of a comparison that looks which differ, and few points, add to it [m]."""
+        single, before = self.settings.single_point, track.looks[-lag]
+        return math.hypot(by_change * track.changed(lag, new), single / before.n_points, single / new.n_points)
 
     def _jobs(self, known: Mapping[int, Track], lags: Sequence[int]) -> list[tuple[int, int]]:
         """List which looks are compared with the new ones; of a track that is not long enough yet, the first."""
