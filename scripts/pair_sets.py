@@ -1,15 +1,17 @@
 """What `regmot pairs` does: sets that are generated, and sets that are cut from KITTI's tracklets."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from registration.errors import PairSetError, unknown_name
 from registration.pair_set import PairSet, write_pair_set
 from registration.synthetic.catalogue import create_recipe, generated_names
 from registration.synthetic.production import Order, make_pair_set
-from tracker.kitti import open_sequences
+from tracker.kitti import KittiSequence, open_sequences
+from tracker.kitti.tracking import simulation_of, training_folder
 from tracker.pairs import kitti_pairs
 from tracker.pairs import pair_set_names as tracklet_names
 
@@ -30,9 +32,17 @@ def is_cut_from_kitti(name: str) -> bool:
 def cut(name: str, root: Path, sequences: tuple[str, ...], rule: str, out: Path, progress: Progress) -> PairSet:
     """Cut a set from KITTI's tracklets."""
     opened = open_sequences(root, sequences)
-    about = {"name": name, "rule": rule, "sequences": [s.name for s in opened]}
+    about = {"name": name, "rule": rule, "sequences": [s.name for s in opened], **_simulated(root, opened)}
     with TemporaryDirectory() as cache:
         return write_pair_set(out, kitti_pairs(name, opened, Path(cache), rule, progress), about)
+
+
+def _simulated(root: Path, opened: Sequence[KittiSequence]) -> dict[str, dict[str, Any]]:
+    """Say of each sequence that our simulator made, how: what is trained on such a set has seen no real scan of it."""
+    folder = training_folder(root)
+    found = {} if folder is None else {s.name: simulation_of(folder, s.name) for s in opened}
+    records = {name: record for name, record in found.items() if record is not None}
+    return {"simulation": records} if records else {}
 
 
 def generate(order: Order, out: Path, n_jobs: int, progress: Progress) -> PairSet:

@@ -62,9 +62,10 @@ class FusedRegistration(PairMethod):
     of an object that hardly turns, and do not depend on what a network was trained on.  Either the second agrees with
     the first, and both count by their covariances, or it found something else, and only the first counts: the
     belief is the mean and covariance of both cases, each as likely as the distance between the answers makes it.
-    A prior is a third opinion, which always counts.  The belief is where the refinement starts, and what it falls
-    back on.  Clouds are thinned for it: the thousands of points of a near object share their errors, and would
-    overrule any belief.  Where there is nothing to refine, the belief is the answer, with the network's status.
+    A prior is a third opinion, which always counts: where the network contradicts it, it is the network that is off.
+    The belief is where the refinement starts, and what it falls back on.  Clouds are thinned for it: the thousands of
+    points of a near object share their errors, and would overrule any belief.  Where there is nothing to refine, the
+    belief is the answer, with the network's status.
 
     Source: the parts' (`alignnet`, `adh-3d`, `gicp`); the two cases: an outlier model as in Box & Tiao, "A Bayesian
     approach to some outlier problems", Biometrika 55(1), 1968.
@@ -153,7 +154,7 @@ class FusedRegistration(PairMethod):
         belief = MotionPrior(learned.motion_about(center), self.doubt * learned.covariance)
         if prior is not None:
             doubted = DOUBTED @ prior.covariance @ DOUBTED + _ROUNDING * np.eye(3)
-            belief, _ = multiply(belief, MotionPrior(prior.mean, doubted))
+            belief = combine(MotionPrior(prior.mean, doubted), belief, self.apart)
         covariance = self.doubt * searched.covariance
         covariance[2, 2] = searched.covariance[2, 2]  # no histogram's claim: how little objects turn
         belief = combine(belief, MotionPrior(searched.motion_about(center), covariance), self.apart)

@@ -274,6 +274,8 @@ def test_a_missing_scan_is_reported_and_skipped(street, tmp_path):
 
 def test_pairs_are_written_and_registered_from_disk(street, tmp_path):
     regmot("pairs", "kitti-tracklets-cars", "--root", street, "--out", "set", cwd=tmp_path)
+    about = json.loads((tmp_path / "set" / "about.json").read_text())
+    assert about["simulation"]["0000"]["seed"] >= 0  # nobody takes these scans for real ones
     printed = regmot("register", "set", "--part", "train", "--methods", "icp", cwd=tmp_path)
     rows = json.loads((tmp_path / "out" / "registration.json").read_text())["rows"]
     assert rows[0]["n"] == len(list((tmp_path / "set" / "meta").iterdir()))

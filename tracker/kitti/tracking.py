@@ -3,6 +3,7 @@
 import json
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 from registration import se3
 from tracker.errors import DataError, MissingDataError
@@ -62,22 +63,26 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto", reco
         sources=(label_path, calib_path, *time_files, *pose_files),
         truth_path=folder / "truth" / f"{name}.csv",
         T_cam_lidar=calibration.T_cam_lidar,
-        is_swept=_is_swept(folder, name),
+        is_swept=bool((simulation_of(folder, name) or {}).get("rolling_shutter", True)),
     )
 
 
-def _is_swept(folder: Path, name: str) -> bool:
-    """Tell whether scans are raw sweeps: KITTI's are, a simulator's if its record says so.
+def simulation_of(folder: Path, name: str) -> dict[str, Any] | None:
+    """Give what our simulator's record says of a sequence: its seed and settings; None where it is not simulated.
+
+    Args:
+        folder: see `training_folder`; the record is in it, or beside it.
+        name: of the sequence.
 
     Raises:
         DataError: the record is damaged.
     """
     path = next((place / RECORD for place in (folder, folder.parent) if (place / RECORD).is_file()), None)
     if path is None:
-        return True
+        return None
     try:
-        settings = json.loads(path.read_bytes())["sequences"].get(name, {})
-        return bool(settings.get("rolling_shutter", True))
+        settings = json.loads(path.read_bytes())["sequences"].get(name)
+        return None if settings is None else dict(settings)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"expected a simulator's record, sequences with their settings, got a damaged file ({error})"
         raise DataError(path, what) from error
