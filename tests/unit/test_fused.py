@@ -1,4 +1,4 @@
-"""The fused estimator: windows of comparisons, parked objects, hindsight, and what upsets them."""
+"""The fused estimator: where its evidence comes from, parked objects, hindsight, and what upsets it."""
 
 from dataclasses import replace
 
@@ -9,176 +9,11 @@ from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
-from tracker.estimators.fused import heavy_tails, parked, scene
-from tracker.estimators.fused.heading import Heading
+from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.look import Look
 from tracker.estimators.fused.sources import Evidence, Expected, Laid, Learned, Shape
 from tracker.estimators.fused.track import Steps
-from tracker.estimators.fused.window import MotionModel, Window, solve
 from tracker.types import EstimateStatus
-
-MODEL = MotionModel(density=1.0, rate_sd=30.0, n_frames=9)
-
-
-def window_of(velocity, n=6, wrong=None, lags_wrong=(1, 2), dt=0.1, tails=(4.0, 4.0)):
-    """Compare each frame with the 1 and 2 before it; `wrong` maps a newer frame to an error of its comparisons."""
-    velocity = np.asarray(velocity, dtype=np.float64)
-    axes = Heading(turns=False, n_frames=9)
-    axes.advance(0.0)
-    window = Window.start(replace(MODEL, tails=tails), 0.0, axes, np.zeros(2))
-    for k in range(1, n):
-        axes.advance(k * dt)
-        window.advance(k * dt, axes)
-        if k == 1:
-            window.place_last(velocity * dt)
-        for lag in (1, 2):
-            if k >= lag:
-                off = np.asarray((wrong or {}).get(k, np.zeros(2))) * (lag in lags_wrong)
-                window.compare(lag, np.zeros(2), velocity * lag * dt + off, np.eye(2) / 0.02**2)
-        solve([window], axes)
-    return window
-
-
-def test_a_window_finds_a_constant_velocity_and_is_surer_the_longer_it_looks():
-    for n in (2, 4, 9, 14):
-        velocity, covariance = window_of([3.0, -1.0], n).step()
-        np.testing.assert_allclose(velocity, [3.0, -1.0], atol=1e-3)
-        assert np.linalg.eigvalsh(covariance).min() > 0.0
-    few, many = (np.trace(window_of([3.0, -1.0], n).step()[1]) for n in (2, 9))
-    assert many < 0.5 * few
-
-
-def test_one_comparison_that_is_off_is_not_followed():
-    off = window_of([3.0, 0.0], 7, wrong={6: [0.0, 0.3]}, lags_wrong=(1,))
-    assert abs(off.step()[0][1]) < 0.3  # the step itself says 3 m/s
-    normal = window_of([3.0, 0.0], 7, wrong={6: [0.0, 0.3]}, lags_wrong=(1,), tails=(0.0, 0.0))
-    assert abs(off.step()[0][1]) < abs(normal.step()[0][1])
-
-
-def test_a_sudden_change_that_all_comparisons_tell_of_is_followed_at_once():
-    """From 20 to 15 m/s in one frame, as in a crash: 5 g."""
-    window = window_of([20.0, 0.0], 7, wrong={6: [-0.5, 0.0]})
-    assert window.step()[0][0] == pytest.approx(15.0, abs=0.2)
-
-
-def test_a_look_that_is_off_by_what_nothing_can_move_is_taken_for_an_error():
-    off = window_of([3.0, 0.0], 7, wrong={6: [0.0, 1.5]})
-    assert abs(off.step()[0][1]) < 0.5  # the step itself says 15 m/s
-
-
-@pytest.mark.parametrize("speed", [5.0, 20.0, 40.0])
-def test_a_first_answer_that_is_off_yields_to_an_exact_one_at_any_speed(speed):
-    axes = Heading(turns=False, n_frames=9)
-    axes.advance(0.0)
-    window = Window.start(MODEL, 0.0, axes, np.zeros(2))
-    axes.advance(0.1)
-    window.advance(0.1, axes)
-    window.place_last(np.array([0.1 * speed + 1.5, 0.0]))
-    window.compare(1, np.zeros(2), np.array([0.1 * speed + 1.5, 0.0]), np.eye(2) / 0.1**2)
-    solve([window], axes)
-    window.compare(1, np.zeros(2), np.array([0.1 * speed, 0.0]), np.eye(2) / 0.02**2)
-    solve([window], axes)
-    assert window.step()[0][0] == pytest.approx(speed, abs=0.1)
-
-
-def test_a_step_over_a_gap_may_change_as_much_as_its_time_allows():
-    axes = Heading(turns=False, n_frames=9)
-    axes.advance(0.0)
-    window, at = Window.start(MODEL, 0.0, axes, np.zeros(2)), 0.0
-    for time, moved in ((0.1, 1.0), (0.2, 1.0), (0.3, 1.0), (0.4, 1.0), (0.7, 0.5)):  # it stops where nobody sees it
-        axes.advance(time)
-        window.advance(time, axes)
-        at += moved
-        along = np.diag([1.0 / 0.02**2, 0.0])  # nothing is measured across
-        for lag in (1, 2):
-            if len(window) > lag:
-                before = window.state[-1 - lag, 0, 0]
-                window.compare(lag, np.zeros(2), np.array([at - before, 0.0]), along)
-        solve([window], axes)
-    assert window.step()[0][0] == pytest.approx(0.5 / 0.3, abs=0.2)
-
-
-def test_the_cost_of_what_is_far_off_grows_as_its_weight_falls():
-    for tail in (0.0, 3.0):
-        distances = np.linspace(0.1, 60.0, 400)
-        costs = np.array([heavy_tails.cost(tail, 2, d) for d in distances])
-        weights = np.array([heavy_tails.weight(tail, 2, d) for d in distances])
-        np.testing.assert_allclose(np.gradient(costs, distances)[1:-1], 0.5 * weights[1:-1], rtol=0.03)
-
-
-def test_steps_without_shakes_are_differences_of_places():
-    window = window_of([3.0, 1.0], 6)
-    moved, covariances, shaken = window.steps()
-    np.testing.assert_allclose(moved, np.diff(window.state[:, 0], axis=0), atol=1e-12)
-    np.testing.assert_allclose(covariances[-1], window.difference(-2), atol=1e-12)
-    np.testing.assert_array_equal(shaken, 0.0)
-
-
-def test_steps_leave_out_what_only_the_axes_shook():
-    """Poses that turn by 1 mrad at random shift all at 40 m by 4 cm, which is 0.4 m/s a step, and no motion."""
-    rng, shake_sd, dt = np.random.default_rng(0), 0.04, 0.1
-    axes = Heading(turns=False, n_frames=9)
-    axes.advance(0.0)
-    window, before = Window.start(MODEL, 0.0, axes, np.zeros(2)), 0.0
-    for k in range(1, 30):
-        axes.advance(k * dt)
-        window.advance(k * dt, axes, np.diag([1e-9, shake_sd**2]))
-        shaken = shake_sd * rng.standard_normal()
-        window.compare(1, np.zeros(2), np.array([8.0 * dt, shaken - before]), np.eye(2) / 0.01**2)
-        solve([window], axes)
-        before = shaken
-    seen = np.diff(window.state[:, 0], axis=0) / dt
-    moved = window.steps()[0] / dt
-    assert np.abs(moved[:, 1]).max() < 0.4 * np.abs(seen[:, 1]).max()
-    np.testing.assert_allclose(moved[:, 0], 8.0, atol=0.02)
-
-
-def test_a_window_knows_no_more_than_its_last_frames():
-    window = window_of([3.0, 0.0], 40)
-    assert len(window) == 9
-    assert window.state.shape == (9, 2, 2)
-    assert window.covariance.shape == (36, 36)
-    assert max(c.newer for c in window.comparisons) - window.n_left == 8
-    assert min(c.older for c in window.comparisons) - window.n_left == 0
-
-
-def test_the_difference_of_two_frames_is_what_the_joint_covariance_says():
-    window = window_of([3.0, 1.0], 5)
-    A = np.zeros((2, 20))
-    A[:, 16:18], A[:, 4:6] = np.eye(2), -np.eye(2)
-    np.testing.assert_allclose(window.difference(1, 4), A @ window.covariance @ A.T, atol=1e-15)
-
-
-def test_objects_tell_together_how_their_axes_turn():
-    """Three objects at constant velocities, seen from a sensor that begins to turn; nobody tells of turns."""
-    axes = Heading(turns=True, n_frames=9)
-    angles = np.concatenate([np.zeros(5), np.cumsum(np.linspace(0.0, 0.05, 10))])
-    starts = np.array([[40.0, 10.0], [30.0, -20.0], [10.0, 5.0]])
-    velocities = np.array([[-10.0, 0.0], [0.0, 12.0], [0.0, 0.0]])
-    windows = []
-    for k, angle in enumerate(angles):
-        axes.advance(0.1 * k)
-        seen = (starts + 0.1 * k * velocities) @ planar.rotation(angle)
-        if k == 0:
-            windows = [Window.start(MODEL, 0.0, axes, place) for place in seen]
-            before = seen
-            continue
-        for window, old, place in zip(windows, before, seen, strict=True):
-            window.advance(0.1 * k, axes)
-            window.compare(1, old, place - old, np.eye(2) / 0.01**2)
-        solve(windows, axes)
-        before = seen
-    old = (starts + 0.1 * (k - 1) * velocities) @ planar.rotation(angles[-2])
-    for window, place, previous in zip(windows, before, old, strict=True):
-        np.testing.assert_allclose(window.step()[0], (place - previous) / 0.1, atol=0.05)
-    assert axes.turn_since(axes.latest - 2) == pytest.approx(angles[-1] - angles[-3], abs=0.01)
-
-
-def test_a_comparison_without_information_is_left_out():
-    window = window_of([1.0, 0.0], 3)
-    n = len(window.comparisons)
-    window.compare(2, np.zeros(2), np.zeros(2), np.zeros((2, 2)))
-    assert len(window.comparisons) == n
 
 
 def test_doubt_adds_to_the_covariance_where_there_is_one():
@@ -200,12 +35,6 @@ def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
     assert found.turn == pytest.approx(0.02, abs=0.01)
     assert np.linalg.eigvalsh(found.information).min() >= 0.0
-
-
-def test_what_stands_is_taken_to_stand_and_what_rolls_is_not():
-    assert parked.probability(window_of([0.0, 0.0], 9)) > 0.98
-    assert parked.probability(window_of([0.5, 0.0], 9)) < 0.01
-    assert parked.probability(window_of([5.0, 0.0], 9)) < 1e-6
 
 
 def looked_at(points, encoding, is_bent=False):
