@@ -25,6 +25,7 @@ from registration.types import (
 )
 
 ANYWHERE = 1.0 / (6.0 * 6.0 * 1.0)  # density of a shape search that found something else [1/(m^2 rad)]
+TAIL = 3.0  # degrees of freedom of the network's errors, seen from a prior
 VAGUE: PlanarCovariance = 1e6 * np.eye(3)  # of a prior that only says which of two opposite turns is meant
 _ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
 # What is left of the standard deviations of (x, y, yaw) after all: opinions that are doubted agree in the end.  Fitted
@@ -62,7 +63,7 @@ class FusedRegistration(PairMethod):
     of an object that hardly turns, and do not depend on what a network was trained on.  Either the second agrees with
     the first, and both count by their covariances, or it found something else, and only the first counts: the
     belief is the mean and covariance of both cases, each as likely as the distance between the answers makes it.
-    A prior is a third opinion, which always counts: where the network contradicts it, it is the network that is off.
+    A prior is a third opinion, which always counts: the network counts less the more it contradicts it (Student's t).
     The belief is where the refinement starts, and what it falls back on.  Clouds are thinned for it: the thousands of
     points of a near object share their errors, and would overrule any belief.  Where there is nothing to refine, the
     belief is the answer, with the network's status.
@@ -154,7 +155,8 @@ class FusedRegistration(PairMethod):
         belief = MotionPrior(learned.motion_about(center), self.doubt * learned.covariance)
         if prior is not None:
             doubted = DOUBTED @ prior.covariance @ DOUBTED + _ROUNDING * np.eye(3)
-            belief = combine(MotionPrior(prior.mean, doubted), belief, self.apart)
+            known = MotionPrior(prior.mean, doubted)
+            belief, _ = multiply(_doubted(belief, known), known)
         covariance = self.doubt * searched.covariance
         covariance[2, 2] = searched.covariance[2, 2]  # no histogram's claim: how little objects turn
         belief = combine(belief, MotionPrior(searched.motion_about(center), covariance), self.apart)
@@ -189,6 +191,13 @@ def multiply(first: MotionPrior, second: MotionPrior) -> tuple[MotionPrior, floa
     log_density = -0.5 * float(off @ np.linalg.solve(total, off) + np.linalg.slogdet(2.0 * np.pi * total)[1])
     symmetric = 0.5 * (covariance + covariance.T) + _ROUNDING * np.eye(3)
     return MotionPrior(first.mean + gain @ off, symmetric), log_density
+
+
+def _doubted(opinion: MotionPrior, known: MotionPrior) -> MotionPrior:
+    """Widen an opinion that contradicts what is known, as Student's t weighs what is far off; else leave it."""
+    off = _difference(opinion.mean, known.mean)
+    distance = float(off @ np.linalg.solve(opinion.covariance + known.covariance, off))
+    return MotionPrior(opinion.mean, max(1.0, (TAIL + distance) / (TAIL + len(off))) * opinion.covariance)
 
 
 def _difference(motion: PlanarMotion, other: PlanarMotion) -> PlanarMotion:

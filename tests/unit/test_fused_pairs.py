@@ -87,6 +87,17 @@ def test_a_sure_prior_is_honoured_also_for_a_turn_that_no_method_would_find(meth
     assert abs(planar.wrap(float(off[2]))) < np.deg2rad(2.0)
 
 
+@pytest.mark.parametrize("sd", [0.3, 1.0, 3.0, 10.0, 100.0])
+def test_a_prior_that_hardly_knows_does_not_stand_in_the_way(method, sd):
+    source, motion = car_cloud(300) + PLACE, np.array([0.5, 0.2, 0.05])
+    center = source.mean(axis=0)
+    target = se3.transform(planar.to_transform(motion, center), source)
+    prior = MotionPrior(motion + [sd, 0.0, 0.0], np.diag([sd, sd, 0.1 * sd]) ** 2)
+    result = method.register(source, target, prior)
+    np.testing.assert_allclose(result.motion_about(center), motion, atol=0.02)
+    assert np.sqrt(result.covariance[0, 0]) < 0.1
+
+
 def test_a_prior_decides_what_few_points_leave_open(method):
     source = car_cloud(2) + PLACE
     prior = MotionPrior(np.array([1.2, -0.4, 0.0]), np.diag([0.03, 0.03, 0.01]) ** 2)
