@@ -136,6 +136,7 @@ def test_a_mixture_is_as_unsure_as_its_parts_differ():
 
 @pytest.mark.parametrize("velocity", [(-3.0, 1.0), (0.0, 0.0)])
 def test_a_car_is_followed_and_its_velocity_gets_precise(velocity):
+    """One that comes nearer, or stands: poses shake what is far more, so that one that leaves gets less sure."""
     estimates = steps(create_estimator("fused"), moving_tracklet(velocity, n_frames=12, ego_velocity=(0.0, 0.0)))
     assert estimates[0].status is EstimateStatus.NEW_TRACK
     assert all(estimate.status is EstimateStatus.CONVERGED for estimate in estimates[1:])

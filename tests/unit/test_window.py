@@ -54,6 +54,26 @@ def test_a_sudden_change_that_all_comparisons_tell_of_is_followed_at_once():
     assert window.step()[0][0] == pytest.approx(15.0, abs=0.2)
 
 
+def test_a_look_that_is_off_by_less_is_followed_there_and_back_and_forgotten():
+    """All that is known says that the object moved: nothing tells it from a sudden change."""
+    axes, dt = Heading(turns=False, n_frames=9), 0.1
+    axes.advance(0.0)
+    window, across = Window.start(MODEL, 0.0, axes, np.zeros(2)), {6: 0.3}
+    found = {}
+    for k in range(1, 10):
+        axes.advance(k * dt)
+        window.advance(k * dt, axes)
+        for lag in (1, 2, 4):
+            if k >= lag:
+                moved = across.get(k, 0.0) - across.get(k - lag, 0.0)
+                window.compare(lag, np.zeros(2), np.array([0.3 * lag, moved]), np.eye(2) / 0.02**2)
+        solve([window], axes)
+        found[k] = window.step()[0]
+    assert found[6][1] > 2.0
+    for k in (8, 9):
+        np.testing.assert_allclose(found[k], [3.0, 0.0], atol=0.1)
+
+
 def test_a_look_that_is_off_by_what_nothing_can_move_is_taken_for_an_error():
     off = window_of([3.0, 0.0], 7, wrong={6: [0.0, 1.5]})
     assert abs(off.step()[0][1]) < 0.5  # the step itself says 15 m/s
@@ -82,11 +102,10 @@ def test_a_step_over_a_gap_may_change_as_much_as_its_time_allows():
         axes.advance(time)
         window.advance(time, axes)
         at += moved
-        along = np.diag([1.0 / 0.02**2, 0.0])  # nothing is measured across
         for lag in (1, 2):
             if len(window) > lag:
                 before = window.state[-1 - lag, 0, 0]
-                window.compare(lag, np.zeros(2), np.array([at - before, 0.0]), along)
+                window.compare(lag, np.zeros(2), np.array([at - before, 0.0]), np.eye(2) / 0.02**2)
         solve([window], axes)
     assert window.step()[0][0] == pytest.approx(0.5 / 0.3, abs=0.2)
 
@@ -121,7 +140,11 @@ def test_steps_leave_out_what_only_the_axes_shook():
         solve([window], axes)
         before = shaken
     seen = np.diff(window.state[:, 0], axis=0) / dt
-    moved = window.steps()[0] / dt
+    moved, known, shaken = (part / dt**power for part, power in zip(window.steps(), (1, 2, 2), strict=True))
+    normalised = moved[:, 1] ** 2 / (known + shaken)[:, 1, 1]
+    assert normalised.mean() < 2.0  # truth is 0
+    own = MODEL.density * dt**3 / 12.0  # between two rates; two variances that share a displacement
+    assert shaken[:, 1, 1].min() >= 0.999 * own * shake_sd**2 / (own + shake_sd**2) / dt**2
     assert np.abs(moved[:, 1]).max() < 0.4 * np.abs(seen[:, 1]).max()
     np.testing.assert_allclose(moved[:, 0], 8.0, atol=0.02)
 

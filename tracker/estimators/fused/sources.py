@@ -247,7 +247,7 @@ def _moved(T: Transform, place: Vector) -> Vector:
 
 
 def _inverse(covariance: Square) -> Square:
-    """Invert a covariance (2, 2); NumPy's own takes longer to call than to compute, ten times an object and frame."""
+    """Invert a covariance (2, 2); NumPy's own takes longer to call than to compute, seven times an object and frame."""
     (a, b), (_, c) = covariance.tolist()
     return np.array([[c, -b], [-b, a]]) / (a * c - b * b)
 

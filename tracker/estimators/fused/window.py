@@ -146,7 +146,9 @@ class Window:
         time = max(time, self.times[-1] + SHORTEST_STEP)
         dt = time - self.times[-1]
         shake = np.zeros((d, d)) if shake is None else shake
-        self.expected = dt * self.state[-1, 1], dt**2 * self._latest_rate()[1] + self._open(dt) + shake
+        rate, rate_covariance = self._latest_rate()
+        noise = self.model.density * dt**3 / 3.0 * np.eye(d)
+        self.expected = dt * rate, dt**2 * rate_covariance + noise + shake
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         self.state, self.covariance = motion_kernels.advance(
             self.state, self.covariance, dt, turned, float(self.model.density), shake, is_full
@@ -186,11 +188,6 @@ class Window:
     def _latest_rate(self) -> tuple[Vector, Square]:
         d = self.state.shape[2]
         return self.state[-1, 1].copy(), self.covariance[-d:, -d:].copy()
-
-    def _open(self, dt: float) -> Square:
-        """Give the covariance of a displacement that the acceleration's noise adds."""
-        found: Square = self.model.density * dt**3 / 3.0 * np.eye(self.state.shape[2])
-        return found
 
     def _drop_oldest(self) -> None:
         self.n_left += 1
