@@ -92,7 +92,7 @@ def seen_steps(places, velocities, sd, n=4):
     """Give the same velocity in each of n steps, half-way at the same place."""
     frames, lengths = np.arange(1, n + 1), np.ones(n, dtype=np.int64)
     return [
-        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1)))
+        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1)), np.zeros((n, 2, 2)))
         for *pair, C in zip(places, velocities, [s**2 * np.eye(2) for s in sd], strict=True)
     ]
 

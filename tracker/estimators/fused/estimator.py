@@ -129,6 +129,7 @@ class FusedEstimator(FrameEstimator):
         is_laid = self._compare_shapes(known, new)
         solve([track.turn for track in known.values()])
         for key, track in known.items():
+            track.place.doubt_look(self._axes)
             track.looks.append(new[key])
             if self.settings.refers_to_center:
                 track.refer_to_center()
@@ -139,11 +140,12 @@ class FusedEstimator(FrameEstimator):
     def _steps(self, known: Mapping[int, Track], in_world: bool) -> dict[int, Steps]:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
         steps = {key: track.steps() for key, track in known.items()}
-        if not self.settings.knows_parked:
-            return steps
-        if not in_world:
-            return dict(zip(steps, scene.settle(list(steps.values())), strict=True))
-        return {key: parked.mixed(s, parked.probability(known[key].place)) for key, s in steps.items()}
+        if in_world and self.settings.knows_parked:
+            standing = {key: parked.probability(track.place) for key, track in known.items()}
+            return {key: parked.mixed(s, standing[key]).doubted(1.0 - standing[key]) for key, s in steps.items()}
+        if self.settings.knows_parked:
+            steps = dict(zip(steps, scene.settle(list(steps.values())), strict=True))
+        return {key: s.doubted(1.0) for key, s in steps.items()}
 
     def _begin_frame(self, sightings: Mapping[int, Sighting]) -> None:
         """Go on with the axes if any object does; else begin them anew."""

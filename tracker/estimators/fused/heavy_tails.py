@@ -29,3 +29,10 @@ def cost(tail, dimension, distance):
     if tail <= 0.0 or distance <= dimension:
         return 0.5 * distance
     return 0.5 * (dimension + (tail + dimension) * np.log((tail + distance) / (tail + dimension)))
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def density(tail, dimension, distance):
+    """Give the density of Student's t against its own centre's."""
+    return (1.0 + distance / tail) ** (-0.5 * (tail + dimension)) if tail > 0.0 else np.exp(-0.5 * distance)

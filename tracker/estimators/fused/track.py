@@ -1,6 +1,6 @@
 """One object: its window of places, that of its heading, and the looks that belong to their frames."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -30,7 +30,8 @@ class Steps:
         lengths: how many of these each step takes; more than one where nothing was seen of the object in between.
         places: of the centre half-way [m].
         velocities: [m/s].
-        covariances: of these.
+        covariances: of these, but for the doubts.
+        doubts: covariances that they have beside that, since a look may be off as a whole.
     """
 
     frames: Int64[np.ndarray, " n"]
@@ -39,6 +40,11 @@ class Steps:
     places: Float64[np.ndarray, "n 2"]
     velocities: Float64[np.ndarray, "n 2"]
     covariances: Float64[np.ndarray, "n 2 2"]
+    doubts: Float64[np.ndarray, "n 2 2"]
+
+    def doubted(self, share: float) -> "Steps":
+        """Add a share of the doubts to the covariances."""
+        return replace(self, covariances=self.covariances + share * self.doubts, doubts=(1.0 - share) * self.doubts)
 
 
 @dataclass
@@ -145,6 +151,7 @@ class Track:
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=moved / seconds,
             covariances=(HONEST_SHARE * known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
+            doubts=np.array(self.place.doubts[1:]) / seconds[:, None] ** 2,
         )
 
     def yaw_rate(self) -> float:

@@ -66,6 +66,10 @@ class Window:
         state: place, rate of each (n, 2, d).
         covariance: of all of it, frame by frame (2 n d, 2 n d).
         expected: the last step, as the motion so far would have it, in the axes of the frame before; its covariance.
+        rival: where else the last step might lead, by comparisons that tell of a more sudden change than is followed;
+            NaN where none do.
+        doubts: of the step to each frame, covariance that it has beside that of places and rates, since a look may be
+            off as a whole; see `doubt_look`.
         n_left: how many frames have left the window.
         comparisons: between frames of the window.
         shakes: of the frames; see `advance`.
@@ -77,9 +81,11 @@ class Window:
     state: Float64[np.ndarray, "n 2 d"]
     covariance: Joint
     expected: tuple[Vector, Square]
+    rival: Vector
     n_left: int = 0
     comparisons: list[Comparison] = field(default_factory=list)
     shakes: list[Square] = field(default_factory=list)
+    doubts: list[Square] = field(default_factory=list)
     _rates: list[tuple[Vector, Square]] = field(default_factory=list)  # of each frame, known at its own time
 
     @classmethod
@@ -90,8 +96,8 @@ class Window:
         state[0, 0] = place
         variances = np.repeat([PLACED, model.rate_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
-        frame = ([time], [axes.latest], state, np.diag(variances), (np.zeros(d), np.eye(d)))
-        return cls(model, *frame, shakes=[np.zeros((d, d))], _rates=[rate])
+        frame = ([time], [axes.latest], state, np.diag(variances), (np.zeros(d), np.eye(d)), np.full(d, np.nan))
+        return cls(model, *frame, shakes=[np.zeros((d, d))], doubts=[np.zeros((d, d))], _rates=[rate])
 
     def __len__(self) -> int:
         return len(self.times)
@@ -125,6 +131,21 @@ class Window:
         dt = self.times[-1] - self.times[-2]
         return moved[-1] / dt, (covariances[-1] + shaken[-1]) / dt**2
 
+    def doubt_look(self, axes: Heading) -> None:
+        """Say how much the latest look may be off as a whole, once all its comparisons are solved for; see `doubts`.
+
+        They share its error, so nothing but the next look tells it from a sudden change; see `motion_kernels.doubt`.
+        If the next look is as doubtful, neither is settled.
+        """
+        expected, covariance = self.expected
+        turned = planar.rotation(-axes.turn_since(self.axes[-2]))
+        step = self.state[-1, 0] - turned @ self.state[-2, 0]
+        seen = self.rival if np.isfinite(self.rival).all() else step
+        self.doubts[-1] = motion_kernels.doubt(
+            step, seen, turned @ expected, turned @ covariance @ turned.T, self.model.tails[0], self.model.tails[1]
+        )
+        self.doubts[-2] = min(self.doubts[-2], self.doubts[-1], key=np.trace)
+
     def difference(self, i: int, j: int = -1) -> Square:
         """Give the covariance of the difference of place between frames i and j."""
         d, n = self.state.shape[2], len(self)
@@ -149,6 +170,7 @@ class Window:
         rate, rate_covariance = self._latest_rate()
         noise = self.model.density * dt**3 / 3.0 * np.eye(d)
         self.expected = dt * rate, dt**2 * rate_covariance + noise + shake
+        self.rival = np.full(d, np.nan)
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         self.state, self.covariance = motion_kernels.advance(
             self.state, self.covariance, dt, turned, float(self.model.density), shake, is_full
@@ -156,6 +178,7 @@ class Window:
         self.times.append(time)
         self.axes.append(axes.latest)
         self.shakes.append(shake)
+        self.doubts.append(np.zeros((d, d)))
         self._rates.append(self._latest_rate())
         if is_full:
             self._drop_oldest()
@@ -191,7 +214,7 @@ class Window:
 
     def _drop_oldest(self) -> None:
         self.n_left += 1
-        for series in (self.times, self.axes, self.shakes, self._rates):
+        for series in (self.times, self.axes, self.shakes, self.doubts, self._rates):
             series.pop(0)
         self.comparisons = [c for c in self.comparisons if c.older >= self.n_left]
 
@@ -208,14 +231,15 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
     windows = [window for window in windows if window.comparisons]
     if not windows:
         return
-    state, covariances, angles, rates, rate_variance = window_kernels.solve(
+    state, covariances, angles, rates, rate_variance, rivals = window_kernels.solve(
         _packed(windows, axes), _open(axes or STILL), float(windows[0].model.density), np.array(windows[0].model.tails)
     )
     frame, width = 0, 2 * state.shape[2]
-    for window, covariance in zip(windows, covariances, strict=True):
+    for window, covariance, rival in zip(windows, covariances, rivals, strict=True):
         n = len(window)
         window.state = state[frame : frame + n]
         window.covariance = covariance[: n * width, : n * width]
+        window.rival = rival
         window.learn_rate()
         frame += n
     if axes is not None:

@@ -93,14 +93,16 @@ def solve(windows, axes, density, tails):
 
     Returns:
         the unknowns in the axes of their frames (N, 2, D); each object's covariance over all its frames (K, 2 n D,
-        2 n D), padded by zeros; angles, rates of the axes (G), and the variance of the latest rate.
+        2 n D), padded by zeros; angles, rates of the axes (G), and the variance of the latest rate; each object's last
+        step if it could move as suddenly as its comparisons tell (K, D), or NaN where it can.
     """
     K, G, D = len(windows.sizes), len(axes.times), windows.state.shape[2]
     width = 2 * D * windows.sizes.max()
     angles, rates = axes.angles.copy(), axes.rates.copy()
     x, motions = _begin(windows, angles, density, D)
+    rivals = np.full((K, D), np.nan)
     if D > 1:  # turns are told well enough, and slow
-        _choose_last(x, windows, angles, tails, D)
+        _choose_last(x, rivals, windows, angles, tails, D)
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
     x_alone, levers = b.copy(), L.copy()
     common = np.zeros((2 * G, 2 * G))
@@ -132,7 +134,7 @@ def solve(windows, axes, density, tails):
         if change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
             break
     state = axes_kernels.in_own_axes(x, H, levers, common[:G, :G].copy(), windows, angles, D)
-    return state, H, angles, rates, common[2 * G - 1, 2 * G - 1]
+    return state, H, angles, rates, common[2 * G - 1, 2 * G - 1], rivals
 
 
 @njit(cache=True, nogil=True)
@@ -156,7 +158,7 @@ def _begin(windows, angles, density, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _choose_last(x, windows, angles, tails, D):
+def _choose_last(x, rivals, windows, angles, tails, D):
     """Put each object's last place where it explains best: where it is, or where one of its comparisons would have it.
 
     The iterations find the nearest maximum of the likelihood: where all comparisons tell of a sudden change, each
@@ -177,8 +179,9 @@ def _choose_last(x, windows, angles, tails, D):
                 places.append(start + R @ windows.newers[c])
                 informations.append(R @ windows.informations[c] @ R.T)
         seconds = windows.times[frame + last] - windows.times[frame + last - 1]
-        farthest = HARDEST * seconds**2 + 3.0 * np.sqrt(np.trace(uncertain))
-        best = _best(places, informations, expected, farthest, tails)
+        best, freest = _best(places, informations, expected, uncertain, HARDEST * seconds**2, tails)
+        if freest != best:
+            rivals[k] = R.T @ (places[freest] - before[:D])
         if best > 0:
             x[k, at : at + D] = places[best]
             x[k, at + D : at + 2 * D] = 1.5 * (places[best] - before[:D]) / seconds - 0.5 * before[D:]
@@ -187,23 +190,25 @@ def _choose_last(x, windows, angles, tails, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _best(places, informations, expected, farthest, tails):
-    """Choose among the present place and those of comparisons, no farther than `farthest` from the expected one.
+def _best(places, informations, expected, uncertain, farthest, tails):
+    """Choose among the present place and those of comparisons: within reach of the expected one, and among all.
 
-    The first information belongs to the expected place, the others to the places of comparisons.
+    Within reach is what is no farther than `farthest` beside three standard deviations of the expected place in that
+    direction.  The first information belongs to the expected place, the others to the places of comparisons.
     """
-    lowest, best, D = np.inf, 0, len(expected)
+    lowest, least, best, freest, D = np.inf, np.inf, 0, 0, len(expected)
     for i in range(len(places)):
         off = places[i] - expected
-        if i > 0 and off @ off > farthest**2:
-            continue
+        is_within = i == 0 or off @ off <= farthest * np.sqrt(off @ off) + 3.0 * np.sqrt(off @ uncertain @ off)
         total = heavy_tails.cost(tails[1], 2 * D, off @ informations[0] @ off)
         for j in range(1, len(places)):
             off = places[i] - places[j]
             total += heavy_tails.cost(tails[0], D, off @ informations[j] @ off)
-        if total < lowest:
+        if total < least:
+            least, freest = total, i
+        if total < lowest and is_within:
             lowest, best = total, i
-    return best
+    return best, freest
 
 
 @njit(cache=True, nogil=True)
