@@ -8,7 +8,8 @@ import pytest
 from registration import planar
 from tracker.estimators.fused import heavy_tails, parked
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.window import MotionModel, Window, solve
+from tracker.estimators.fused.solving import solve
+from tracker.estimators.fused.window import MotionModel, Window
 
 MODEL = MotionModel(density=1.0, rate_sd=30.0, n_frames=9)
 
@@ -52,83 +53,6 @@ def test_a_sudden_change_that_all_comparisons_tell_of_is_followed_at_once():
     """From 20 to 15 m/s in one frame, as in a crash: 5 g."""
     window = window_of([20.0, 0.0], 7, wrong={6: [-0.5, 0.0]})
     assert window.step()[0][0] == pytest.approx(15.0, abs=0.2)
-
-
-def followed(places, dt=0.1, lags=(1, 2, 4)):
-    """Compare each of the places (n, 2) with earlier ones, each exact to 2 cm; give, for each frame but the first, the
-    latest rate, its covariance, and the doubts of the latest two steps."""
-    axes, window = Heading(turns=False, n_frames=9), None
-    for k, place in enumerate(places):
-        axes.advance(k * dt)
-        if window is None:
-            window = Window.start(MODEL, 0.0, axes, np.zeros(2))
-            continue
-        window.advance(k * dt, axes)
-        for lag in lags:
-            if k >= lag:
-                window.compare(lag, np.zeros(2), np.asarray(place) - places[k - lag], np.eye(2) / 0.02**2)
-        solve([window], axes)
-        window.doubt_look(axes)
-        yield (*window.step(), np.array(window.doubts[-2:]) / dt**2)
-
-
-def test_a_look_that_is_off_by_less_is_followed_there_and_back_and_its_covariance_tells():
-    """All that is known says that the object moved: nothing tells it from a sudden change, until it comes back."""
-    places = np.column_stack([0.3 * np.arange(12), np.zeros(12)])
-    places[6, 1] = 0.3
-    velocities, covariances, doubts = zip(*followed(places), strict=True)
-    steady, there, back = 4, 5, 6
-    assert velocities[there][1] > 2.0
-    for k in (there, back):
-        error, variance = velocities[k][1], covariances[k][1, 1] + doubts[k][-1, 1, 1]
-        assert error**2 < 3.0**2 * variance
-        assert error**2 > 10.0**2 * covariances[k][1, 1]  # places and rates alone would not tell
-        assert doubts[k][-1, 0, 0] < 0.1**2  # along, nobody doubts
-    assert doubts[steady][-1].max() < 0.01**2
-    assert velocities[there][1] ** 2 < 3.0**2 * doubts[back][0, 1, 1]  # in hindsight too: neither look is settled
-    for k in (8, 9):
-        np.testing.assert_allclose(velocities[k], [3.0, 0.0], atol=0.1)
-        assert doubts[k][-1].max() < 0.2**2
-
-
-def test_a_sudden_change_is_doubted_until_the_next_look_and_not_longer():
-    places = np.cumsum([[1.6, 0.0]] * 6 + [[1.2, 0.0]] * 4, axis=0)  # 4 g
-    velocities, _, doubts = zip(*followed(places), strict=True)
-    assert velocities[5][0] == pytest.approx(12.0, abs=0.2)
-    assert doubts[5][-1, 0, 0] > 0.5**2
-    assert doubts[6][0, 0, 0] < 0.2**2  # what the next frame knows of the step before
-
-
-def test_a_change_too_sudden_to_be_followed_is_not_kept_secret():
-    places = np.cumsum([[2.0, 0.0]] * 6 + [[1.2, 0.0]] * 4, axis=0)  # 8 g
-    velocities, covariances, doubts = zip(*followed(places), strict=True)
-    assert velocities[5][0] > 16.0  # taken for an error of the look
-    assert doubts[5][-1, 0, 0] > 1.0 > 3.0**2 * covariances[5][0, 0]  # unlikely, and grave
-
-
-def test_a_first_step_is_not_doubted_for_being_fast():
-    """Before anything is known of a motion, any is as good; doubt of a centimetre a second is none."""
-    (*_, doubts), *_ = followed([[0.0, 0.0], [3.0, 0.0]])
-    assert doubts[-1].max() < 0.1**2
-
-
-def test_doubts_turn_with_the_axes():
-    """An exact motion, seen in axes that turn, is no reason for doubt."""
-    axes, window, dt, turn = Heading(turns=False, n_frames=9), None, 0.1, 0.05
-    for k in range(8):
-        axes.advance(k * dt)
-        if k:
-            axes.angles[-1] = turn * k
-        if window is None:
-            window = Window.start(MODEL, 0.0, axes, np.zeros(2))
-            continue
-        window.advance(k * dt, axes)
-        old, new = planar.rotation(-turn * (k - 1)), planar.rotation(-turn * k)
-        start = old @ [1.0 * (k - 1), 0.0]
-        window.compare(1, start, new @ [1.0 * k, 0.0] - start, np.eye(2) / 0.02**2)
-        solve([window], axes)
-        window.doubt_look(axes)
-    assert window.doubts[-1].max() < 1e-5
 
 
 def test_a_look_that_is_off_by_what_nothing_can_move_is_taken_for_an_error():

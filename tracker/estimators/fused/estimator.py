@@ -11,6 +11,7 @@ from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look, thinned
+from tracker.estimators.fused.solving import solve
 from tracker.estimators.fused.sources import (
     Expected,
     Laid,
@@ -19,7 +20,7 @@ from tracker.estimators.fused.sources import (
     evidence_of_network,
 )
 from tracker.estimators.fused.track import Steps, Track
-from tracker.estimators.fused.window import MotionModel, Square, solve
+from tracker.estimators.fused.window import MotionModel, Square
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
 
@@ -129,7 +130,7 @@ class FusedEstimator(FrameEstimator):
         is_laid = self._compare_shapes(known, new)
         solve([track.turn for track in known.values()])
         for key, track in known.items():
-            track.place.doubt_look(self._axes)
+            track.place.weigh_look(self._axes)
             track.looks.append(new[key])
             if self.settings.refers_to_center:
                 track.refer_to_center()
@@ -218,7 +219,7 @@ class FusedEstimator(FrameEstimator):
             own = self.settings
             shift = track.place.at(-1) - place
             covariance = own.search_doubt * track.step_covariance(lag)
-            covariance = covariance + own.search_doubt * self._swing(track)
+            covariance = covariance + own.search_doubt * self._swing(track) + track.place.spread(self._axes)
             covariance = covariance + own.search_floor**2 * np.eye(2)
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
         return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)

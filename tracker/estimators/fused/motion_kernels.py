@@ -10,9 +10,6 @@ from numba import njit
 
 from tracker.estimators.fused import heavy_tails
 
-# A look may be off as a whole, as by a box that jumps: share of such looks, and standard deviation along each axis [m].
-OFF_SHARE, OFF_SD = 0.01, 0.3
-
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
@@ -96,30 +93,3 @@ def steps(state, covariance, times, shakes, density, tail, D):
         covariances[j], shaken[j] = J @ joint @ J.T, shake @ own
         found[j] = J @ both
     return found, covariances, shaken
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def doubt(step, seen, expected, covariance, tail, motion_tail):
-    """Give the covariance that a step has since the look it leads to may be off as a whole (D, D).
-
-    Either the object moved as all comparisons of the look tell, or their common error did: each is as likely as the
-    motion, or such an error, makes what is seen (Bayes' theorem over two hypotheses), and adds, by its share, how far
-    it is from the step that was taken.
-
-    Args:
-        step: as it was taken (D).
-        seen: as the comparisons tell (D).
-        expected: as the motion so far would have it (D).
-        covariance: of that (D, D).
-        tail, motion_tail: degrees of freedom of Student's t for errors of looks, and of the motion; 0: normal.
-    """
-    D, off = len(step), seen - expected
-    wider = covariance + OFF_SD**2 * np.eye(D)
-    narrow = np.sqrt(np.linalg.det(covariance) / np.linalg.det(wider))
-    back = np.linalg.solve(wider, off)
-    moved = heavy_tails.density(motion_tail, D, off @ np.linalg.solve(covariance, off))
-    wrong = OFF_SHARE * narrow * heavy_tails.density(tail, D, off @ back)
-    share, left = wrong / (moved + wrong), (step - seen).reshape(D, 1)
-    undone = left + OFF_SD**2 * back.reshape(D, 1)
-    return (1.0 - share) * (left @ left.T) + share * (undone @ undone.T)

@@ -1,14 +1,14 @@
 """Where something was at the last few frames, from comparisons of any two of them: a fixed-lag smoother."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float64
 
 from registration import planar
-from tracker.estimators.fused import heading, motion_kernels, window_kernels
+from tracker.estimators.fused import hypotheses, motion_kernels
 from tracker.estimators.fused.heading import Heading
+from tracker.estimators.fused.hypotheses import Other, Seen
 
 Vector = Float64[np.ndarray, " d"]
 Square = Float64[np.ndarray, "d d"]
@@ -68,8 +68,13 @@ class Window:
         expected: the last step, as the motion so far would have it, in the axes of the frame before; its covariance.
         rival: where else the last step might lead, by comparisons that tell of a more sudden change than is followed;
             NaN where none do.
+        other: the other explanation of the latest look but for a frame that `advance` has just added; None where there
+            is none.
+        other_expected: the last step, as the motion would have it by that; its covariance.
+        unsettled: probability of the other explanation now.
         doubts: of the step to each frame, covariance that it has beside that of places and rates, since a look may be
-            off as a whole; see `doubt_look`.
+            off as a whole; see `weigh_look`.
+        is_off: whether the look of each frame is taken to be off.
         n_left: how many frames have left the window.
         comparisons: between frames of the window.
         shakes: of the frames; see `advance`.
@@ -82,10 +87,14 @@ class Window:
     covariance: Joint
     expected: tuple[Vector, Square]
     rival: Vector
+    other_expected: tuple[Vector, Square]
+    other: Other | None = None
+    unsettled: float = 0.0
     n_left: int = 0
     comparisons: list[Comparison] = field(default_factory=list)
     shakes: list[Square] = field(default_factory=list)
     doubts: list[Square] = field(default_factory=list)
+    is_off: list[bool] = field(default_factory=list)
     _rates: list[tuple[Vector, Square]] = field(default_factory=list)  # of each frame, known at its own time
 
     @classmethod
@@ -96,8 +105,9 @@ class Window:
         state[0, 0] = place
         variances = np.repeat([PLACED, model.rate_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
-        frame = ([time], [axes.latest], state, np.diag(variances), (np.zeros(d), np.eye(d)), np.full(d, np.nan))
-        return cls(model, *frame, shakes=[np.zeros((d, d))], doubts=[np.zeros((d, d))], _rates=[rate])
+        expected = (np.zeros(d), np.eye(d))
+        frame = ([time], [axes.latest], state, np.diag(variances), expected, np.full(d, np.nan), expected)
+        return cls(model, *frame, shakes=[np.zeros((d, d))], doubts=[np.zeros((d, d))], is_off=[False], _rates=[rate])
 
     def __len__(self) -> int:
         return len(self.times)
@@ -131,20 +141,34 @@ class Window:
         dt = self.times[-1] - self.times[-2]
         return moved[-1] / dt, (covariances[-1] + shaken[-1]) / dt**2
 
-    def doubt_look(self, axes: Heading) -> None:
-        """Say how much the latest look may be off as a whole, once all its comparisons are solved for; see `doubts`.
+    def weigh_look(self, axes: Heading) -> None:
+        """Settle the look before, and say how much the latest one may be off, once all comparisons are solved for.
 
-        They share its error, so nothing but the next look tells it from a sudden change; see `motion_kernels.doubt`.
-        If the next look is as doubtful, neither is settled.
+        The comparisons of a look share its error, so nothing but the next look tells it from a sudden change.  What a
+        look told that is off is dropped.  As far as the look before is not settled, both its step and the next may err.
         """
+        left = np.zeros_like(self.doubts[-1])
+        if self.other is not None:
+            left = self.unsettled * np.outer(self.other.off, self.other.off)
+            if self.other.is_sudden and self.comparisons[-1:] and self.comparisons[-1].newer == self._newest:
+                self._drop_look_before()
+        doubt, self.other = hypotheses.weigh(self._seen(axes), self.model.tails)
+        self.doubts[-2:] = left, doubt + left
+
+    def _seen(self, axes: Heading) -> Seen:
         expected, covariance = self.expected
         turned = planar.rotation(-axes.turn_since(self.axes[-2]))
         step = self.state[-1, 0] - turned @ self.state[-2, 0]
-        seen = self.rival if np.isfinite(self.rival).all() else step
-        self.doubts[-1] = motion_kernels.doubt(
-            step, seen, turned @ expected, turned @ covariance @ turned.T, self.model.tails[0], self.model.tails[1]
-        )
-        self.doubts[-2] = min(self.doubts[-2], self.doubts[-1], key=np.trace)
+        shown = step if np.isnan(self.rival).any() else self.rival
+        seconds = self.times[-1] - self.times[-2]
+        return Seen(step, shown, turned @ expected, turned @ covariance @ turned.T, seconds)
+
+    def spread(self, axes: Heading) -> Square:
+        """Give the covariance of the latest place that comparisons which tell of another one add (d, d)."""
+        if np.isnan(self.rival).any():
+            return np.zeros_like(self.doubts[-1])
+        seen = self._seen(axes)
+        return np.outer(seen.shown - seen.step, seen.shown - seen.step)
 
     def difference(self, i: int, j: int = -1) -> Square:
         """Give the covariance of the difference of place between frames i and j."""
@@ -170,7 +194,8 @@ class Window:
         rate, rate_covariance = self._latest_rate()
         noise = self.model.density * dt**3 / 3.0 * np.eye(d)
         self.expected = dt * rate, dt**2 * rate_covariance + noise + shake
-        self.rival = np.full(d, np.nan)
+        self.rival, self.unsettled = np.full(d, np.nan), 0.0 if self.other is None else self.other.probability
+        self.other_expected = self.expected if self.other is None else self.other.expected(dt, self.expected[1])
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         self.state, self.covariance = motion_kernels.advance(
             self.state, self.covariance, dt, turned, float(self.model.density), shake, is_full
@@ -180,6 +205,7 @@ class Window:
         self.shakes.append(shake)
         self.doubts.append(np.zeros((d, d)))
         self._rates.append(self._latest_rate())
+        self.is_off.append(False)
         if is_full:
             self._drop_oldest()
         return is_full
@@ -192,17 +218,27 @@ class Window:
     def compare(self, lag: int, start: Vector, step: Vector, information: Square) -> None:
         """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
 
-        One that says nothing is left out; see `Comparison`.
+        One that says nothing is left out, and one with a look that is off; see `Comparison`.
         """
-        if information.any():
-            newest = self.n_left + len(self) - 1
+        if information.any() and not self.is_off[-1 - lag]:
             measured = np.concatenate([start, start + step, information.ravel()])
-            self.comparisons.append(Comparison(newest - lag, newest, measured))
+            self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
+
+    @property
+    def _newest(self) -> int:
+        return self.n_left + len(self) - 1
 
     @property
     def first_rate(self) -> tuple[Vector, Square]:
         """The rate at the first frame, as it was known at its own time, and its covariance."""
         return self._rates[0]
+
+    def take_other(self) -> None:
+        """Take the other explanation of the look before; the state is that of it already."""
+        assert self.other is not None
+        self._rates[-2] = self.other.rate, self.other.rate_covariance + self._rates[-2][1]
+        rate = self.expected[0] / (self.times[-1] - self.times[-2])
+        self.other, self.expected, self.other_expected = self.other.reversed(rate), self.other_expected, self.expected
 
     def learn_rate(self) -> None:
         """Take the latest rate for what is known of it at its own time."""
@@ -212,75 +248,13 @@ class Window:
         d = self.state.shape[2]
         return self.state[-1, 1].copy(), self.covariance[-d:, -d:].copy()
 
+    def _drop_look_before(self) -> None:
+        self.is_off[-2] = True
+        before = self._newest - 1
+        self.comparisons = [c for c in self.comparisons if before not in (c.older, c.newer)]
+
     def _drop_oldest(self) -> None:
         self.n_left += 1
-        for series in (self.times, self.axes, self.shakes, self.doubts, self._rates):
+        for series in (self.times, self.axes, self.shakes, self.doubts, self.is_off, self._rates):
             series.pop(0)
         self.comparisons = [c for c in self.comparisons if c.older >= self.n_left]
-
-
-STILL = Heading(turns=False, n_frames=1)
-STILL.advance(0.0)
-
-
-def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
-    """Find the most likely places and rates of all frames of objects that share a model and axes.
-
-    Objects without comparisons stay as they are.  No axes: these do not matter, or do not turn.
-    """
-    windows = [window for window in windows if window.comparisons]
-    if not windows:
-        return
-    state, covariances, angles, rates, rate_variance, rivals = window_kernels.solve(
-        _packed(windows, axes), _open(axes or STILL), float(windows[0].model.density), np.array(windows[0].model.tails)
-    )
-    frame, width = 0, 2 * state.shape[2]
-    for window, covariance, rival in zip(windows, covariances, rivals, strict=True):
-        n = len(window)
-        window.state = state[frame : frame + n]
-        window.covariance = covariance[: n * width, : n * width]
-        window.rival = rival
-        window.learn_rate()
-        frame += n
-    if axes is not None:
-        axes.settle(angles, rates, rate_variance)
-
-
-def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.Windows:
-    comparisons = [comparison for window in windows for comparison in window.comparisons]
-    d = windows[0].state.shape[2]
-    measured = np.concatenate([comparison.measured for comparison in comparisons]).reshape(len(comparisons), -1)
-    numbers = np.array([number for window in windows for number in window.axes])
-    rates, rate_covariances = zip(*(window.first_rate for window in windows), strict=True)
-    expected, step_covariances = zip(*(window.expected for window in windows), strict=True)
-    return window_kernels.Windows(
-        sizes=np.array([len(window) for window in windows]),
-        counts=np.array([len(window.comparisons) for window in windows]),
-        times=np.array([time for window in windows for time in window.times]),
-        axes=np.full(len(numbers), -1) if axes is None else np.maximum(numbers - axes.first, -1),
-        angles=np.zeros(len(numbers)) if axes is None else axes.angles_at(numbers),
-        state=np.concatenate([window.state for window in windows]),
-        shakes=np.concatenate([window.shakes for window in windows]),
-        rates=np.array(rates),
-        expected=np.array(expected),
-        expected_covariances=np.array(step_covariances),
-        rate_informations=np.linalg.inv(np.array(rate_covariances)),
-        ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
-        olders=np.ascontiguousarray(measured[:, :d]),
-        newers=np.ascontiguousarray(measured[:, d : 2 * d]),
-        informations=np.ascontiguousarray(measured[:, 2 * d :]).reshape(-1, d, d),
-    )
-
-
-def _open(axes: Heading) -> window_kernels.Axes:
-    """Pack the axes that are still open; the latest one where none are."""
-    first = min(axes.first, axes.latest)
-    kept = first - axes.first_kept
-    return window_kernels.Axes(
-        times=np.array(axes.times[kept:]),
-        angles=np.array(axes.angles[kept:]),
-        rates=np.array(axes.rates[kept:]),
-        first_rate=np.array(axes.first_rate),
-        heard=np.array([(i - first, j - first, *rest) for i, j, *rest in axes.heard]).reshape(-1, 4),
-        density=heading.DENSITY,
-    )

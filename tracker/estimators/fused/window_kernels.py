@@ -14,12 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels
+from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels, start_kernels
 
 MOST_ITERATIONS = 4
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
 TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
-HARDEST = 50.0  # acceleration that is thought of, as in a crash, beside what is not known of the motion [m/s^2]
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
 
 
@@ -38,6 +37,12 @@ class Windows(NamedTuple):
         expected_covariances: of that (K, D, D).
         rates: what is known of the rate at each object's first frame (K, D).
         rate_informations: inverse covariance of that (K, D, D).
+        others: places of the frames before the last by the other explanation of these looks (see `hypotheses`), against
+            the state's, in axes of these frames (K, D); NaN where there is none.
+        other_rates: rates there (K, D).
+        other_expected, other_covariances: expected last steps from there, and their covariances (K, D), (K, D, D).
+        other_costs: by how much the other explanation is less likely: difference of negative logarithms (K).
+        is_sudden: the other explanation is a sudden change, the state's that the look is off; else the reverse (K).
         ends: older and newer frame of each comparison, within its object (M, 2).
         olders: the point whose motion was measured, in the axes of the older frame (M, D).
         newers: where it was in the newer frame, in the axes of that (M, D).
@@ -55,6 +60,12 @@ class Windows(NamedTuple):
     expected_covariances: np.ndarray
     rates: np.ndarray
     rate_informations: np.ndarray
+    others: np.ndarray
+    other_rates: np.ndarray
+    other_expected: np.ndarray
+    other_covariances: np.ndarray
+    other_costs: np.ndarray
+    is_sudden: np.ndarray
     ends: np.ndarray
     olders: np.ndarray
     newers: np.ndarray
@@ -93,16 +104,17 @@ def solve(windows, axes, density, tails):
 
     Returns:
         the unknowns in the axes of their frames (N, 2, D); each object's covariance over all its frames (K, 2 n D,
-        2 n D), padded by zeros; angles, rates of the axes (G), and the variance of the latest rate; each object's last
-        step if it could move as suddenly as its comparisons tell (K, D), or NaN where it can.
+        2 n D), padded by zeros; angles, rates of the axes (G), and the variance of the latest rate; what was
+        chosen to start from (see `start_kernels.Chosen`).
     """
     K, G, D = len(windows.sizes), len(axes.times), windows.state.shape[2]
     width = 2 * D * windows.sizes.max()
     angles, rates = axes.angles.copy(), axes.rates.copy()
     x, motions = _begin(windows, angles, density, D)
-    rivals = np.full((K, D), np.nan)
-    if D > 1:  # turns are told well enough, and slow
-        _choose_last(x, rivals, windows, angles, tails, D)
+    if D > 1:
+        chosen = start_kernels.choose(x, windows, axes_kernels.to_steady(windows, angles, D), tails)
+    else:  # turns are told well enough, and slow
+        chosen = start_kernels.Chosen(np.full((K, D), np.nan), np.zeros(K, np.bool_), np.zeros(K))
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
     x_alone, levers = b.copy(), L.copy()
     common = np.zeros((2 * G, 2 * G))
@@ -134,7 +146,7 @@ def solve(windows, axes, density, tails):
         if change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
             break
     state = axes_kernels.in_own_axes(x, H, levers, common[:G, :G].copy(), windows, angles, D)
-    return state, H, angles, rates, common[2 * G - 1, 2 * G - 1], rivals
+    return state, H, angles, rates, common[2 * G - 1, 2 * G - 1], chosen
 
 
 @njit(cache=True, nogil=True)
@@ -154,61 +166,6 @@ def _begin(windows, angles, density, D):
                 )
             f += 1
     return x, motions
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _choose_last(x, rivals, windows, angles, tails, D):
-    """Put each object's last place where it explains best: where it is, or where one of its comparisons would have it.
-
-    The iterations find the nearest maximum of the likelihood: where all comparisons tell of a sudden change, each
-    would be taken for an error, since it is far off.
-    """
-    rotations, frame, first = axes_kernels.to_steady(windows, angles, D), 0, 0
-    for k in range(len(windows.sizes)):
-        last, end = windows.sizes[k] - 1, first + windows.counts[k]
-        at, R = 2 * D * last, rotations[frame + last]
-        before, R_before = x[k, at - 2 * D : at], rotations[frame + last - 1]
-        expected = before[:D] + R_before @ windows.expected[k]
-        uncertain = R_before @ windows.expected_covariances[k] @ R_before.T
-        places, informations = [x[k, at : at + D].copy()], [np.ascontiguousarray(np.linalg.inv(uncertain))]
-        for c in range(first, end):
-            if windows.ends[c, 1] == last:
-                older = windows.ends[c, 0]
-                start = x[k, 2 * D * older : 2 * D * older + D] - rotations[frame + older] @ windows.olders[c]
-                places.append(start + R @ windows.newers[c])
-                informations.append(R @ windows.informations[c] @ R.T)
-        seconds = windows.times[frame + last] - windows.times[frame + last - 1]
-        best, freest = _best(places, informations, expected, uncertain, HARDEST * seconds**2, tails)
-        if freest != best:
-            rivals[k] = R.T @ (places[freest] - before[:D])
-        if best > 0:
-            x[k, at : at + D] = places[best]
-            x[k, at + D : at + 2 * D] = 1.5 * (places[best] - before[:D]) / seconds - 0.5 * before[D:]
-        frame, first = frame + windows.sizes[k], end
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _best(places, informations, expected, uncertain, farthest, tails):
-    """Choose among the present place and those of comparisons: within reach of the expected one, and among all.
-
-    Within reach is what is no farther than `farthest` beside three standard deviations of the expected place in that
-    direction.  The first information belongs to the expected place, the others to the places of comparisons.
-    """
-    lowest, least, best, freest, D = np.inf, np.inf, 0, 0, len(expected)
-    for i in range(len(places)):
-        off = places[i] - expected
-        is_within = i == 0 or off @ off <= farthest * np.sqrt(off @ off) + 3.0 * np.sqrt(off @ uncertain @ off)
-        total = heavy_tails.cost(tails[1], 2 * D, off @ informations[0] @ off)
-        for j in range(1, len(places)):
-            off = places[i] - places[j]
-            total += heavy_tails.cost(tails[0], D, off @ informations[j] @ off)
-        if total < least:
-            least, freest = total, i
-        if total < lowest and is_within:
-            lowest, best = total, i
-    return best, freest
 
 
 @njit(cache=True, nogil=True)

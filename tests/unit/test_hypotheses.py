@@ -1,0 +1,192 @@
+"""Two explanations of a look, a sudden change and one that is off as a whole, and the next look, which settles it."""
+
+import numpy as np
+import pytest
+
+from registration import planar
+from tests.segments import car_cloud, segment
+from tracker.estimators import create_estimator
+from tracker.estimators.fused import hypotheses
+from tracker.estimators.fused.heading import Heading
+from tracker.estimators.fused.hypotheses import Seen
+from tracker.estimators.fused.solving import solve
+from tracker.estimators.fused.window import MotionModel, Window
+
+MODEL = MotionModel(density=2.0, rate_sd=15.0)
+TAILS = MODEL.tails
+NARROW = 0.04**2 * np.eye(2)
+
+
+def seen(shown, step=None, covariance=NARROW):
+    """A step that was expected to be 1 m."""
+    shown = np.asarray(shown, dtype=np.float64)
+    return Seen(shown if step is None else np.asarray(step), shown, np.array([1.0, 0.0]), covariance, 0.1)
+
+
+def test_what_is_expected_is_not_doubted():
+    doubt, other = hypotheses.weigh(seen([1.01, 0.0]), TAILS)
+    assert np.abs(doubt).max() < 1e-6
+    assert other is None or other.cost > 5.0
+
+
+def test_the_farther_off_the_likelier_the_look_is_wrong_until_both_are_of_one_mind():
+    shares, doubts = [], []
+    for off in (0.1, 0.2, 0.3, 0.6):
+        doubt, other = hypotheses.weigh(seen([1.0 + off, 0.0]), TAILS)
+        assert not other.is_sudden
+        np.testing.assert_allclose(other.off[0], -off, rtol=0.05)  # back to where it was expected
+        np.testing.assert_allclose(other.rate, [10.0, 0.0])
+        shares.append(other.probability)
+        doubts.append(doubt[0, 0])
+        assert doubt[0, 0] == pytest.approx(shares[-1] * other.off[0] ** 2, rel=1e-6)
+    assert np.all(np.diff(shares) > 0.0)
+    assert shares[0] < 0.02
+    assert shares[-1] > 0.5
+
+
+def test_a_motion_that_nothing_is_known_of_makes_no_look_suspicious():
+    doubt, _ = hypotheses.weigh(seen([3.0, 0.0], covariance=1.5**2 * np.eye(2)), TAILS)
+    assert doubt.max() < 0.03**2
+
+
+def test_a_change_that_was_not_taken_stays_possible():
+    doubt, other = hypotheses.weigh(seen([0.2, 0.0], step=[0.98, 0.0]), TAILS)
+    assert other.is_sudden
+    np.testing.assert_allclose(other.off, [-0.78, 0.0])
+    assert -2.5 <= other.rate[0] <= 2.0  # between a jerk at the end of the step, and one at its start
+    assert 0.1**2 < doubt[0, 0] < 0.78**2
+    step, covariance = other.expected(0.1, NARROW)
+    assert abs(step[0] - 0.2) < 2.0 * np.sqrt(covariance[0, 0])
+    again = other.reversed(np.array([9.8, 0.0])).reversed(other.rate)
+    np.testing.assert_array_equal(again.off, other.off)
+    assert (again.cost, again.is_sudden) == (other.cost, True)
+
+
+def looked_at(places, dt=0.1, lags=(1, 2, 4), turn=0.0):
+    """Compare each of the places (n, 2) with earlier ones, exact to 2 cm, in axes that turn by so much a frame.
+
+    Give the axes and the window at each frame but the first.
+    """
+    axes, window = Heading(turns=False, n_frames=9), None
+    for k, place in enumerate(places):
+        axes.advance(k * dt)
+        axes.angles[-1] = turn * k
+        if window is None:
+            window = Window.start(MODEL, 0.0, axes, np.asarray(place))
+            continue
+        window.advance(k * dt, axes)
+        for lag in lags:
+            if k >= lag:
+                old = planar.rotation(-turn * (k - lag)) @ places[k - lag]
+                window.compare(lag, old, planar.rotation(-turn * k) @ place - old, np.eye(2) / 0.02**2)
+        solve([window], axes)
+        window.weigh_look(axes)
+        yield axes, window
+
+
+def followed(places, dt=0.1, turn=0.0):
+    """Give, for each frame but the first, in steady axes: the mean rate over the latest step, its own covariance, and
+    the doubts of the latest two rates."""
+    for k, (_, window) in enumerate(looked_at(places, dt, turn=turn), start=1):
+        R, R_before = planar.rotation(turn * k), planar.rotation(turn * (k - 1))
+        rate = (R @ window.state[-1, 0] - R_before @ window.state[-2, 0]) / dt
+        doubts = np.array(window.doubts[-2:])
+        yield rate, R @ window.difference(-2) @ R.T / dt**2, R @ doubts @ R.T / dt**2
+
+
+THERE, BACK = 5, 6  # of rates, when the seventh place is off
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.03])
+@pytest.mark.parametrize("jump", [0.2, 0.3, 0.45, 1.0])
+def test_a_look_that_is_off_is_told_by_the_covariance_and_forgotten_when_the_object_is_back(jump, turn):
+    places = np.column_stack([20.0 + 0.3 * np.arange(20), np.zeros(20)])
+    places[6, 1] = jump
+    rates, covariances, doubts = zip(*followed(places, turn=turn), strict=True)
+    error = rates[THERE] - [3.0, 0.0]
+    assert error @ np.linalg.solve(covariances[THERE] + doubts[THERE][-1], error) < 7.0**2
+    if 0.2 < jump < 0.5:  # it is followed; what is known of places and rates alone would not tell
+        assert error[1] > 2.0
+        assert error @ np.linalg.solve(covariances[THERE], error) > 10.0**2
+        assert error @ np.linalg.solve(covariances[THERE] + doubts[THERE][-1], error) < 3.0**2
+    np.testing.assert_allclose(rates[BACK:], np.tile([3.0, 0.0], (13, 1)), atol=0.15)
+    assert doubts[BACK].max() < 0.3**2  # in hindsight too
+    for k in (THERE - 1, BACK + 1, BACK + 2):
+        assert doubts[k][-1].max() < 0.05**2
+
+
+@pytest.mark.parametrize("change", [4.0, 8.0, 15.0])
+def test_a_sudden_change_is_followed_with_the_next_look_at_the_latest_and_never_kept_secret(change):
+    places = np.cumsum([[2.0, 0.0]] * 6 + [[2.0 - 0.1 * change, 0.0]] * 14, axis=0)
+    rates, covariances, doubts = zip(*followed(places), strict=True)
+    error = rates[THERE][0] - (20.0 - change)
+    assert doubts[THERE][-1, 0, 0] > max(1.0, 0.02 * error**2)
+    if change < 5.0:
+        assert abs(error) < 0.2
+    np.testing.assert_allclose([rate[0] for rate in rates[BACK:]], 20.0 - change, atol=0.1)
+    assert doubts[BACK].max() < 0.2**2
+    assert covariances[BACK][0, 0] < 0.5**2
+
+
+def test_what_was_believed_of_a_rate_does_not_outlive_the_explanation_it_stood_on():
+    places = np.cumsum([[2.0, 0.0]] * 6 + [[1.2, 0.0]] * 12, axis=0)
+    for _, window in looked_at(places):
+        if (
+            window.n_left == 6
+        ):  # the frame of the change is the first one now; all before it is what is known of its rate
+            mean, covariance = window.first_rate
+            assert abs(mean[0] - 12.0) < 3.0 * np.sqrt(covariance[0, 0])
+            break
+    else:
+        pytest.fail("the window is too short")
+
+
+def test_nothing_is_settled_by_a_look_that_tells_nothing():
+    *_, (axes, window) = looked_at([[0.3 * k, 0.4 * (k == 6)] for k in range(7)])
+    other, comparisons = window.other, list(window.comparisons)
+    assert not other.is_sudden
+    axes.advance(0.7)
+    window.advance(0.7, axes)
+    window.weigh_look(axes)
+    assert window.comparisons == comparisons
+    np.testing.assert_allclose(window.doubts[-2], other.probability * np.outer(other.off, other.off))
+
+
+def test_a_look_that_is_off_is_never_heard_again():
+    places = np.column_stack([0.3 * np.arange(9), np.zeros(9)])
+    places[5, 1] = 1.0
+    for k, (_, window) in enumerate(looked_at(places, lags=(1, 2, 3, 4)), start=1):
+        if k > 5:
+            assert window.is_off[5]
+            assert not any(5 in (c.older, c.newer) for c in window.comparisons)
+    places[5, 1] = 0.0
+    np.testing.assert_allclose(window.state[:, 0], places, atol=0.01)
+
+
+@pytest.mark.parametrize(("in_world", "sigmas"), [(True, 3.0), (False, 7.0)])
+def test_a_car_whose_box_jumps_for_one_frame_is_not_said_to_have_moved_for_sure(in_world, sigmas):
+    """The whole estimator, on points; without poses, axes that turn explain a jump too, and doubt is less."""
+    estimator, pose = create_estimator("fused"), np.eye(4) if in_world else None
+    others = [car_cloud(300, seed=j) + place for j, place in enumerate([[8.0, -4.0, -1.7], [20.0, -5.0, -1.7]])]
+    found = []
+    for k in range(12):
+        points = car_cloud(300, seed=k) + [12.0 + 0.5 * k, 4.0 + 0.35 * (k == 8), -1.7]
+        clouds = {7: points, 8: others[0], 9: others[1]}
+        segments = {key: segment(cloud, k, track_id=key) for key, cloud in clouds.items()}
+        found.append(estimator.step(segments, 0.1 * k, pose)[7])
+    error = found[8].velocity - [5.0, 0.0]
+    assert error @ np.linalg.solve(found[8].covariance, error) < sigmas**2
+    assert found[8].covariance[1, 1] > 2.0**2 * found[7].covariance[1, 1] > 0.0
+    for later in found[9:]:
+        np.testing.assert_allclose(later.velocity, [5.0, 0.0], atol=0.3)
+
+
+def test_a_car_that_crashes_is_followed_with_the_second_look():
+    estimator, at, found = create_estimator("fused"), 40.0, []
+    for k in range(14):
+        at -= 1.5 if k < 9 else 0.3  # from 15 to 3 m/s: 12 g
+        found.append(estimator.step({7: segment(car_cloud(300, seed=k) + [at, 3.0, -1.7], k)}, 0.1 * k, np.eye(4))[7])
+    assert abs(found[8].velocity[0] + 15.0) < 0.3
+    assert found[9].covariance[0, 0] > 1.0
+    for later in found[10:]:
+        assert later.velocity[0] == pytest.approx(-3.0, abs=0.5)

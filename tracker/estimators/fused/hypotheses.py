@@ -1,0 +1,116 @@
+"""Two explanations of a look: the object moved suddenly, or the look is off as a whole; the next look settles it."""
+
+import math
+import typing
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+from numba import njit
+
+from tracker.estimators.fused import heavy_tails
+
+# A look may be off as a whole, as by a box that jumps: share of such looks, and standard deviation along each axis [m].
+OFF_SHARE, OFF_SD = 0.01, 0.3
+LEAST = 1e-4  # an explanation that is less likely is not kept
+
+Vector = Float64[np.ndarray, " d"]
+Square = Float64[np.ndarray, "d d"]
+
+
+@dataclass(frozen=True, slots=True)
+class Other:
+    """The explanation of the latest look that was not taken.
+
+    Attributes:
+        off: where the object would be, relative to where it is taken to be (d).
+        rate: it would have (d).
+        rate_covariance: of that (d, d).
+        cost: by how much this is less likely than what was taken: difference of negative logarithms.
+        is_sudden: this is that the object moved suddenly; else, that the look is off.
+        seconds: of the step to the latest look.
+    """
+
+    off: Vector
+    rate: Vector
+    rate_covariance: Square
+    cost: float
+    is_sudden: bool
+    seconds: float
+
+    @property
+    def probability(self) -> float:
+        """How likely it is, before the next look."""
+        return 1.0 / (1.0 + math.exp(self.cost))
+
+    def expected(self, dt: float, covariance: Square) -> tuple[Vector, Square]:
+        """Give the step of `dt` that would follow, and its covariance; `covariance` is that of what was taken."""
+        if self.is_sudden:
+            return dt * self.rate, covariance + dt**2 * self.rate_covariance
+        return dt * self.rate, (self.seconds + dt) ** 2 * self.rate_covariance
+
+    def reversed(self, rate: Vector) -> "Other":
+        """Give what is the other one once this is taken; `rate` is that of what was taken before."""
+        return replace(self, off=-self.off, rate=rate, cost=-self.cost, is_sudden=not self.is_sudden)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A step to the latest look, in its axes.
+
+    Attributes:
+        step: as it was taken (d).
+        shown: as the comparisons tell (d).
+        expected: as the motion so far would have it (d).
+        covariance: of that (d, d).
+        seconds: it took.
+    """
+
+    step: Vector
+    shown: Vector
+    expected: Vector
+    covariance: Square
+    seconds: float
+
+
+def weigh(seen: Seen, tails: tuple[float, float]) -> tuple[Square, Other | None]:
+    """Give the covariance that a step has beside its own, since either explanation may hold, and the one not taken.
+
+    Args:
+        seen: the step.
+        tails: degrees of freedom of Student's t for errors of looks, and of the motion; 0: normal.
+    """
+    doubt, share, away = _weigh(seen.step, seen.shown, seen.expected, seen.covariance, tails[0], tails[1])
+    is_sudden = bool((seen.step != seen.shown).any())
+    likely = 1.0 - share if is_sudden else share
+    if likely < LEAST:
+        return doubt, None
+    off = seen.shown - seen.expected
+    if is_sudden:  # somewhere in the step
+        rate, open_ = (1.5 * seen.shown - 0.5 * seen.expected) / seen.seconds, 0.25 * np.outer(off, off)
+    else:
+        rate, open_ = seen.expected / seen.seconds, seen.covariance
+    other = seen.shown - seen.step if is_sudden else -away
+    cost = float(np.log((1.0 - likely) / likely))
+    return doubt, Other(other, rate, open_ / seen.seconds**2, cost, is_sudden, seen.seconds)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _weigh(step, shown, expected, covariance, tail, motion_tail):
+    """Weigh both explanations: each is as likely as the motion, or an error of the look, makes what is seen.
+
+    Source: Bayes' theorem over two hypotheses.  Each adds, by its share, how far it is from the step that was taken.
+
+    Returns:
+        covariance (D, D), share of a look that is off, and where the step was taken to relative to that (D).
+    """
+    D, off = len(step), shown - expected
+    wider = covariance + OFF_SD**2 * np.eye(D)
+    narrow = np.sqrt(np.linalg.det(covariance) / np.linalg.det(wider))
+    back = np.linalg.solve(wider, off)
+    moved = heavy_tails.density(motion_tail, D, off @ np.linalg.solve(covariance, off))
+    wrong = OFF_SHARE * narrow * heavy_tails.density(tail, D, off @ back)
+    share, left = wrong / (moved + wrong), (step - shown).reshape(D, 1)
+    away = left + OFF_SD**2 * back.reshape(D, 1)
+    return (1.0 - share) * (left @ left.T) + share * (away @ away.T), share, away[:, 0]
