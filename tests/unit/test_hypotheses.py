@@ -181,6 +181,21 @@ def test_a_car_whose_box_jumps_for_one_frame_is_not_said_to_have_moved_for_sure(
         np.testing.assert_allclose(later.velocity, [5.0, 0.0], atol=0.3)
 
 
+@pytest.mark.parametrize("n_points", [40, 300])
+@pytest.mark.parametrize("start", [8.0, 20.0])
+def test_a_sudden_change_is_not_denied_by_shapes_that_confirm_what_is_expected_of_them(start, n_points):
+    """From 15 to 10 m/s in a frame: at half a metre from where they are sought, planes find what they expect."""
+    estimator, at, found = create_estimator("fused"), start, []
+    for k in range(13):
+        at += 1.5 if k < 9 else 1.0
+        cloud = car_cloud(n_points, seed=k) + [at, 3.0, -1.7]
+        found.append(estimator.step({7: segment(cloud, k)}, 0.1 * k, np.eye(4))[7])
+    error = found[9].velocity - [10.0, 0.0]
+    assert error @ np.linalg.solve(found[9].covariance, error) < 4.0**2
+    for later in found[10:]:
+        np.testing.assert_allclose(later.velocity, [10.0, 0.0], atol=0.5)
+
+
 def test_a_car_that_crashes_is_followed_with_the_second_look():
     estimator, at, found = create_estimator("fused"), 40.0, []
     for k in range(14):

@@ -99,6 +99,25 @@ def test_the_cost_of_what_is_far_off_grows_as_its_weight_falls():
         np.testing.assert_allclose(np.gradient(costs, distances)[1:-1], 0.5 * weights[1:-1], rtol=0.03)
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.0, 3.0])
+def test_what_is_where_it_was_has_not_stood_if_it_was_elsewhere_between(speed):
+    """It turns back half a window ago: there and back again is no displacement."""
+    axes = Heading(turns=False, n_frames=9)
+    axes.advance(0.0)
+    window = Window.start(replace(MODEL, tails=(3.0, 4.0)), 0.0, axes, np.zeros(2))
+    places = 0.1 * speed * np.concatenate([np.arange(5), np.arange(3, -1, -1)])
+    for k in range(1, 9):
+        axes.advance(0.1 * k)
+        window.advance(0.1 * k, axes)
+        for lag in (1, 4):
+            if k >= lag:
+                window.compare(lag, np.zeros(2), np.array([places[k] - places[k - lag], 0.0]), np.eye(2) / 0.02**2)
+        solve([window], axes)
+    standing = parked.probability(window)
+    assert (standing > 0.9) == (speed == 0.0)
+    assert speed == 0.0 or standing < 0.05
+
+
 def test_steps_without_shakes_are_differences_of_places():
     window = window_of([3.0, 1.0], 6)
     moved, covariances, shaken = window.steps()

@@ -11,22 +11,35 @@ from tracker.estimators.fused.window import Square, Vector, Window
 # Slow ones have a share of their own, so that one that rolls is not taken for one that stands.
 STANDING = 0.5
 MOVING = ((0.1, 0.5), (0.1, 2.0), (0.3, 8.0))
+CHANGING = (0.2, 3.0)  # share of what moves that changes its velocity; standard deviation of the acceleration [m/s^2]
 PLACE_SD = 0.02  # of the ego's own place between two frames of a window [m]
 STANDING_SD = 0.02  # of the velocity of what stands [m/s]
 
 
 def probability(window: Window) -> float:
-    """Compare how well standing and moving explain the displacement over a window.
+    """Compare how well standing and moving explain where an object was at the beginning, middle and end of a window.
 
-    The displacement's likelihood is a normal's about 0; moving makes it wider by the speed's share.  Source: Bayes'
+    The displacement's likelihood is a normal's about 0; moving makes it wider by the speed's share.  So is that of how
+    far the middle is off the line: what turns back may be where it was without ever having stood.  Source: Bayes'
     theorem over the mixture; each window is judged anew, since those of neighbouring frames share their evidence.
     """
-    step: Vector = window.state[-1, 0] - window.state[0, 0]
-    seconds = window.times[-1] - window.times[0]
-    covariance = window.difference(0) + PLACE_SD**2 * np.eye(2)
+    middle = (len(window) - 1) // 2
+    step, seconds, covariance = _since(window, 0)
     standing = STANDING * _density(step, covariance)
     moving = sum(share * _density(step, covariance + (speed * seconds) ** 2 * np.eye(2)) for share, speed in MOVING)
-    return float(standing / (standing + moving))
+    half, short, covariance = _since(window, middle)
+    bend, share = half - short / seconds * step, CHANGING[0]
+    wide = covariance + (0.5 * CHANGING[1] * short * (seconds - short)) ** 2 * np.eye(2)
+    steady = _density(bend, covariance)
+    return float(
+        standing * steady / (standing * steady + moving * ((1.0 - share) * steady + share * _density(bend, wide)))
+    )
+
+
+def _since(window: Window, i: int) -> tuple[Vector, float, Square]:
+    """Give the displacement since frame i, the time, and the displacement's covariance."""
+    step: Vector = window.state[-1, 0] - window.state[i, 0]
+    return step, window.times[-1] - window.times[i], window.difference(i) + PLACE_SD**2 * np.eye(2)
 
 
 def mixed(steps: Steps, standing: float) -> Steps:

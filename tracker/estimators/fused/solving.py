@@ -29,6 +29,7 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
         window.state = state[frame : frame + n]
         window.covariance = covariances[k, : n * width, : n * width]
         window.rival, window.unsettled = chosen.rivals[k], chosen.unsettled[k]
+        window.contrary, window.contrary_share = chosen.contrary[k], chosen.contrary_shares[k]
         if chosen.is_other[k]:
             window.take_other()
         window.learn_rate()

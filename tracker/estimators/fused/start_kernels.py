@@ -11,6 +11,8 @@ from numba import njit
 
 from tracker.estimators.fused import heavy_tails
 
+APART = 0.3  # of places that shapes would not find from each other [m]
+UNLIKELY = 9.0  # difference of negative logarithms from which a place is no more thought of
 HARDEST = 50.0  # acceleration that is thought of, as in a crash, beside what is not known of the motion [m/s^2]
 
 
@@ -20,13 +22,25 @@ class Chosen(NamedTuple):
     Attributes:
         rivals: the last steps that would be likelier if any acceleration were possible, in the last frames' axes
             (K, D); NaN where there is none.
+        contrary: the likeliest places apart from the last ones, relative to these, in the same axes (K, D); NaN where
+            no comparison tells of one that is not too unlikely.
+        contrary_shares: probability of these, beside the last ones (K).
         is_other: the other explanation of the look before is taken (K).
         unsettled: probability of the explanation that is not (K).
     """
 
     rivals: np.ndarray
+    contrary: np.ndarray
+    contrary_shares: np.ndarray
     is_other: np.ndarray
     unsettled: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def nothing(K, D):
+    """Give what is chosen where there is no choice."""
+    return Chosen(np.full((K, D), np.nan), np.full((K, D), np.nan), np.zeros(K), np.zeros(K, np.bool_), np.zeros(K))
 
 
 @njit(cache=True, nogil=True)
@@ -46,7 +60,7 @@ def choose(x, windows, rotations, tails):
         tails: degrees of freedom of the errors of comparisons and of the motion.
     """
     K, D = len(windows.sizes), rotations.shape[1]
-    chosen = Chosen(np.full((K, D), np.nan), np.zeros(K, np.bool_), np.zeros(K))
+    chosen = nothing(K, D)
     frame = first = 0
     for k in range(K):
         last = windows.sizes[k] - 1
@@ -57,15 +71,17 @@ def choose(x, windows, rotations, tails):
         places, informations = _shown(x[k], k, (frame, first), windows, rotations, shown)
         expected = x[k, at - 2 * D : at - D] + R_before @ windows.expected[k]
         uncertain = R_before @ windows.expected_covariances[k] @ R_before.T
-        place, likely, cost = _best(places, informations, expected, uncertain, HARDEST * seconds**2, tails)
+        place, likely, contrary, share, cost = _best(
+            places, informations, expected, uncertain, HARDEST * seconds**2, tails
+        )
         if not np.isnan(windows.others[k, 0]):
             places[0] = x[k, at - 2 * D : at - D] + other + R_before @ windows.other_expected[k]
             uncertain = R_before @ windows.other_covariances[k] @ R_before.T
             own = _best(places, informations, places[0], uncertain, HARDEST * seconds**2, tails)
-            worse = own[2] + windows.other_costs[k] - cost
+            worse = own[4] + windows.other_costs[k] - cost
             chosen.unsettled[k], chosen.is_other[k] = 1.0 / (1.0 + np.exp(np.abs(worse))), worse < 0.0
             if worse < 0.0:
-                place, likely = own[0], own[1]
+                place, likely, contrary, share = own[0], own[1], own[2], own[3]
                 x[k, at - 2 * D : at - D] += other
                 x[k, at - D : at] = R_before @ windows.other_rates[k]
             if chosen.is_other[k] != windows.is_sudden[k]:
@@ -73,6 +89,7 @@ def choose(x, windows, rotations, tails):
         before = x[k, at - 2 * D : at]
         if np.any(likely != place):
             chosen.rivals[k] = R.T @ (likely - before[:D])
+        chosen.contrary[k], chosen.contrary_shares[k] = R.T @ (contrary - place), share
         if np.any(place != x[k, at : at + D]):
             x[k, at : at + D] = place
             x[k, at + D : at + 2 * D] = 1.5 * (place - before[:D]) / seconds - 0.5 * before[D:]
@@ -113,22 +130,25 @@ def _best(places, informations, expected, uncertain, farthest, tails):
     direction.
 
     Returns:
-        the likeliest place within reach, that of all, and the negative logarithm of the former's likelihood.
+        the likeliest place within reach, that of all, that of those apart from the first of these (NaN where there is
+        none) and its probability beside that, and the negative logarithm of the first one's likelihood.
     """
-    lowest, least, best, freest, D = np.inf, np.inf, 0, 0, len(expected)
-    own = np.linalg.inv(uncertain)
+    own, costs, is_within = np.linalg.inv(uncertain), np.zeros(len(places)), np.ones(len(places), np.bool_)
     for i in range(len(places)):
         off = places[i] - expected
-        is_within = i == 0 or off @ off <= farthest * np.sqrt(off @ off) + 3.0 * np.sqrt(off @ uncertain @ off)
-        total = heavy_tails.cost(tails[1], 2 * D, off @ own @ off)
+        is_within[i] = i == 0 or off @ off <= farthest * np.sqrt(off @ off) + 3.0 * np.sqrt(off @ uncertain @ off)
+        costs[i] = heavy_tails.cost(tails[1], 2 * len(off), off @ own @ off)
         for j in range(1, len(places)):
             off = places[i] - places[j]
-            total += heavy_tails.cost(tails[0], D, off @ informations[j] @ off)
-        if total < least:
-            least, freest = total, i
-        if total < lowest and is_within:
-            lowest, best = total, i
-    return places[best], places[freest], lowest + 0.5 * np.log(np.linalg.det(uncertain))
+            costs[i] += heavy_tails.cost(tails[0], len(off), off @ informations[j] @ off)
+    best = np.argmin(np.where(is_within, costs, np.inf))
+    contrary, least = np.full(len(expected), np.nan), costs[best] + UNLIKELY
+    for i in range(1, len(places)):
+        off = places[i] - places[best]
+        if costs[i] < least and off @ off > APART**2:
+            contrary, least = places[i], costs[i]
+    share = 0.0 if np.isnan(contrary[0]) else 1.0 / (1.0 + np.exp(least - costs[best]))
+    return places[best], places[np.argmin(costs)], contrary, share, costs[best] + 0.5 * np.log(np.linalg.det(uncertain))
 
 
 @njit(cache=True, nogil=True)

@@ -68,6 +68,8 @@ class Window:
         expected: the last step, as the motion so far would have it, in the axes of the frame before; its covariance.
         rival: where else the last step might lead, by comparisons that tell of a more sudden change than is followed;
             NaN where none do.
+        contrary: another place that some comparisons tell of, relative to the last one; NaN where none do.
+        contrary_share: its probability, beside the last one.
         other: the other explanation of the latest look but for a frame that `advance` has just added; None where there
             is none.
         other_expected: the last step, as the motion would have it by that; its covariance.
@@ -87,9 +89,11 @@ class Window:
     covariance: Joint
     expected: tuple[Vector, Square]
     rival: Vector
+    contrary: Vector
     other_expected: tuple[Vector, Square]
     other: Other | None = None
     unsettled: float = 0.0
+    contrary_share: float = 0.0
     n_left: int = 0
     comparisons: list[Comparison] = field(default_factory=list)
     shakes: list[Square] = field(default_factory=list)
@@ -106,7 +110,16 @@ class Window:
         variances = np.repeat([PLACED, model.rate_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
         expected = (np.zeros(d), np.eye(d))
-        frame = ([time], [axes.latest], state, np.diag(variances), expected, np.full(d, np.nan), expected)
+        frame = (
+            [time],
+            [axes.latest],
+            state,
+            np.diag(variances),
+            expected,
+            np.full(d, np.nan),
+            np.full(d, np.nan),
+            expected,
+        )
         return cls(model, *frame, shakes=[np.zeros((d, d))], doubts=[np.zeros((d, d))], is_off=[False], _rates=[rate])
 
     def __len__(self) -> int:
@@ -153,6 +166,8 @@ class Window:
             if self.other.is_sudden and self.comparisons[-1:] and self.comparisons[-1].newer == self._newest:
                 self._drop_look_before()
         doubt, self.other = hypotheses.weigh(self._seen(axes), self.model.tails)
+        if np.isnan(self.rival).any():
+            doubt = doubt + self.contrary_share * self.spread()
         self.doubts[-2:] = left, doubt + left
 
     def _seen(self, axes: Heading) -> Seen:
@@ -163,12 +178,11 @@ class Window:
         seconds = self.times[-1] - self.times[-2]
         return Seen(step, shown, turned @ expected, turned @ covariance @ turned.T, seconds)
 
-    def spread(self, axes: Heading) -> Square:
+    def spread(self) -> Square:
         """Give the covariance of the latest place that comparisons which tell of another one add (d, d)."""
-        if np.isnan(self.rival).any():
-            return np.zeros_like(self.doubts[-1])
-        seen = self._seen(axes)
-        return np.outer(seen.shown - seen.step, seen.shown - seen.step)
+        return (
+            np.zeros_like(self.doubts[-1]) if np.isnan(self.contrary).any() else np.outer(self.contrary, self.contrary)
+        )
 
     def difference(self, i: int, j: int = -1) -> Square:
         """Give the covariance of the difference of place between frames i and j."""
@@ -194,7 +208,8 @@ class Window:
         rate, rate_covariance = self._latest_rate()
         noise = self.model.density * dt**3 / 3.0 * np.eye(d)
         self.expected = dt * rate, dt**2 * rate_covariance + noise + shake
-        self.rival, self.unsettled = np.full(d, np.nan), 0.0 if self.other is None else self.other.probability
+        self.rival = self.contrary = np.full(d, np.nan)
+        self.unsettled = 0.0 if self.other is None else self.other.probability
         self.other_expected = self.expected if self.other is None else self.other.expected(dt, self.expected[1])
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         self.state, self.covariance = motion_kernels.advance(

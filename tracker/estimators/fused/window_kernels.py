@@ -114,7 +114,7 @@ def solve(windows, axes, density, tails):
     if D > 1:
         chosen = start_kernels.choose(x, windows, axes_kernels.to_steady(windows, angles, D), tails)
     else:  # turns are told well enough, and slow
-        chosen = start_kernels.Chosen(np.full((K, D), np.nan), np.zeros(K, np.bool_), np.zeros(K))
+        chosen = start_kernels.nothing(K, D)
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
     x_alone, levers = b.copy(), L.copy()
     common = np.zeros((2 * G, 2 * G))
