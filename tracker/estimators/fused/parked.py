@@ -1,5 +1,6 @@
 """Whether an object stands still: the one motion that is common, exact, and worth a hypothesis of its own."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -51,5 +52,7 @@ def mixed(steps: Steps, standing: float) -> Steps:
 
 
 def _density(x: Vector, covariance: Square) -> float:
-    distance = float(x @ np.linalg.solve(covariance, x))
-    return float(np.exp(-0.5 * distance) / np.sqrt(np.linalg.det(covariance)))
+    (a, b), (_, c) = covariance.tolist()
+    u, v = x.tolist()
+    determinant = a * c - b * b
+    return math.exp(-0.5 * (c * u * u - 2.0 * b * u * v + a * v * v) / determinant) / math.sqrt(determinant)
