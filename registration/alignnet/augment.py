@@ -74,12 +74,18 @@ def _swapped(batch: Batch, swaps: Bool[np.ndarray, " pairs"]) -> Batch:
 
 
 def _hidden(batch: Batch, rng: np.random.Generator) -> Kept:
-    """Hide what lies beyond an upright edge as the sensor sees it, left or right of a random point."""
-    bearing = np.arctan2(batch.points[:, 1], batch.points[:, 0])
-    picked = bearing[_one_of_each(batch, rng)]
-    side = rng.choice([-1.0, 1.0], batch.n_clouds)
-    off = (bearing - picked[batch.cloud] + np.pi) % (2.0 * np.pi) - np.pi
-    return side[batch.cloud] * off > 0.0
+    """Hide what lies beyond an edge through a random point, as the sensor sees it: left, right, below, or aslant.
+
+    What hides stands on the ground, so what is above is never what is lost.
+    """
+    x, y, z = batch.points.T
+    bearing, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+    picked = _one_of_each(batch, rng)
+    off = (bearing - bearing[picked][batch.cloud] + np.pi) % (2.0 * np.pi) - np.pi
+    lower = elevation[picked][batch.cloud] - elevation
+    is_low = rng.random(batch.n_clouds) < 0.5
+    slant = np.where(is_low, rng.uniform(0.0, np.pi, batch.n_clouds), rng.choice([0.0, np.pi], batch.n_clouds))
+    return (np.cos(slant)[batch.cloud] * off + np.sin(slant)[batch.cloud] * lower) > 0.0
 
 
 def _lost_rings(batch: Batch, rng: np.random.Generator) -> Kept:

@@ -137,6 +137,26 @@ def test_losses_take_points_away_but_never_nearly_all(name):
     np.testing.assert_allclose(after.n_seen / before.n_seen, share)
 
 
+def test_what_hides_an_object_stands_on_the_ground():
+    """Seen by the sensor, where a point is lost all below it are; some edges are upright, some are not."""
+    bearing, z = (x.ravel() for x in np.meshgrid(np.linspace(-0.2, 0.2, 20), np.linspace(-1.6, 0.0, 8), indexing="ij"))
+    grid = np.column_stack([10.0 * np.cos(bearing), 10.0 * np.sin(bearing), z]).astype(np.float32)
+    n = 40
+    before = Batch(
+        np.tile(grid, (n, 1)), np.repeat(np.arange(n), 160), np.full(n, 160.0), np.zeros((n, 3)), np.zeros(n)
+    )
+    after = augment(before, AugmentSettings(occlusion=1.0), np.random.default_rng(2))
+    heights = []
+    for cloud in clouds_of(after):
+        kept = np.isin(np.arange(160), [np.flatnonzero((grid == point).all(axis=1))[0] for point in cloud]).reshape(
+            20, 8
+        )
+        assert (np.diff(kept.astype(int), axis=1) >= 0).all()
+        heights.append(kept.sum(axis=1))
+    upright = [set(height) <= {0, 8} for height in heights]
+    assert 0.2 * n < sum(upright) < 0.8 * n
+
+
 def test_clutter_lies_at_the_foot_of_the_object():
     before = batch(40)
     after = augment(before, AugmentSettings(clutter=1.0), np.random.default_rng(3))
