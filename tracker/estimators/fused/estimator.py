@@ -219,7 +219,7 @@ class FusedEstimator(FrameEstimator):
             own = self.settings
             shift = track.place.at(-1) - place
             covariance = own.search_doubt * track.step_covariance(lag)
-            covariance = covariance + own.search_doubt * (self._swing(track) + track.place.spread())
+            covariance = covariance + own.search_doubt * (self._swing(track) + track.place.told.spread())
             covariance = covariance + own.search_floor**2 * np.eye(2)
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
         return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)

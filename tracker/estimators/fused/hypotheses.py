@@ -55,6 +55,28 @@ class Other:
 
 
 @dataclass(frozen=True, slots=True)
+class Told:
+    """What the comparisons of the latest look tell beside what was taken.
+
+    Attributes:
+        rival: where the last step would lead if it could be as sudden as they tell (d); NaN where it is.
+        contrary: another place that some tell of, relative to the last one (d); NaN where none do.
+        contrary_share: its probability, beside the last one.
+        unsettled: probability of the other explanation of the look before.
+    """
+
+    rival: Vector
+    contrary: Vector
+    contrary_share: float = 0.0
+    unsettled: float = 0.0
+
+    def spread(self) -> Square:
+        """Give the covariance of the last place that the contrary one adds (d, d)."""
+        contrary = np.nan_to_num(self.contrary)
+        return np.outer(contrary, contrary)
+
+
+@dataclass(frozen=True, slots=True)
 class Seen:
     """A step to the latest look, in its axes.
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from tracker.estimators.fused import heading, window_kernels
 from tracker.estimators.fused.heading import Heading
+from tracker.estimators.fused.hypotheses import Told
 from tracker.estimators.fused.window import Window
 
 STILL = Heading(turns=False, n_frames=1)
@@ -28,8 +29,7 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
         n = len(window)
         window.state = state[frame : frame + n]
         window.covariance = covariances[k, : n * width, : n * width]
-        window.rival, window.unsettled = chosen.rivals[k], chosen.unsettled[k]
-        window.contrary, window.contrary_share = chosen.contrary[k], chosen.contrary_shares[k]
+        window.told = Told(chosen.rivals[k], chosen.contrary[k], chosen.contrary_shares[k], chosen.unsettled[k])
         if chosen.is_other[k]:
             window.take_other()
         window.learn_rate()

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from registration import planar
 from tracker.estimators.fused import hypotheses, motion_kernels
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.hypotheses import Other, Seen
+from tracker.estimators.fused.hypotheses import Other, Seen, Told
 
 Vector = Float64[np.ndarray, " d"]
 Square = Float64[np.ndarray, "d d"]
@@ -66,14 +66,10 @@ class Window:
         state: place, rate of each (n, 2, d).
         covariance: of all of it, frame by frame (2 n d, 2 n d).
         expected: the last step, as the motion so far would have it, in the axes of the frame before; its covariance.
-        rival: where else the last step might lead, by comparisons that tell of a more sudden change than is followed;
-            NaN where none do.
-        contrary: another place that some comparisons tell of, relative to the last one; NaN where none do.
-        contrary_share: its probability, beside the last one.
+        told: what the comparisons of the latest look tell beside that.
         other: the other explanation of the latest look but for a frame that `advance` has just added; None where there
             is none.
         other_expected: the last step, as the motion would have it by that; its covariance.
-        unsettled: probability of the other explanation now.
         doubts: of the step to each frame, covariance that it has beside that of places and rates, since a look may be
             off as a whole; see `weigh_look`.
         is_off: whether the look of each frame is taken to be off.
@@ -88,12 +84,9 @@ class Window:
     state: Float64[np.ndarray, "n 2 d"]
     covariance: Joint
     expected: tuple[Vector, Square]
-    rival: Vector
-    contrary: Vector
+    told: Told
     other_expected: tuple[Vector, Square]
     other: Other | None = None
-    unsettled: float = 0.0
-    contrary_share: float = 0.0
     n_left: int = 0
     comparisons: list[Comparison] = field(default_factory=list)
     shakes: list[Square] = field(default_factory=list)
@@ -109,17 +102,8 @@ class Window:
         state[0, 0] = place
         variances = np.repeat([PLACED, model.rate_sd**2], d)
         rate = (np.zeros(d), model.rate_sd**2 * np.eye(d))
-        expected = (np.zeros(d), np.eye(d))
-        frame = (
-            [time],
-            [axes.latest],
-            state,
-            np.diag(variances),
-            expected,
-            np.full(d, np.nan),
-            np.full(d, np.nan),
-            expected,
-        )
+        expected, told = (np.zeros(d), np.eye(d)), Told(np.full(d, np.nan), np.full(d, np.nan))
+        frame = ([time], [axes.latest], state, np.diag(variances), expected, told, expected)
         return cls(model, *frame, shakes=[np.zeros((d, d))], doubts=[np.zeros((d, d))], is_off=[False], _rates=[rate])
 
     def __len__(self) -> int:
@@ -162,27 +146,21 @@ class Window:
         """
         left = np.zeros_like(self.doubts[-1])
         if self.other is not None:
-            left = self.unsettled * np.outer(self.other.off, self.other.off)
+            left = self.told.unsettled * np.outer(self.other.off, self.other.off)
             if self.other.is_sudden and self.comparisons[-1:] and self.comparisons[-1].newer == self._newest:
                 self._drop_look_before()
         doubt, self.other = hypotheses.weigh(self._seen(axes), self.model.tails)
-        if np.isnan(self.rival).any():
-            doubt = doubt + self.contrary_share * self.spread()
+        if np.isnan(self.told.rival).any():
+            doubt = doubt + self.told.contrary_share * self.told.spread()
         self.doubts[-2:] = left, doubt + left
 
     def _seen(self, axes: Heading) -> Seen:
         expected, covariance = self.expected
         turned = planar.rotation(-axes.turn_since(self.axes[-2]))
         step = self.state[-1, 0] - turned @ self.state[-2, 0]
-        shown = step if np.isnan(self.rival).any() else self.rival
+        shown = step if np.isnan(self.told.rival).any() else self.told.rival
         seconds = self.times[-1] - self.times[-2]
         return Seen(step, shown, turned @ expected, turned @ covariance @ turned.T, seconds)
-
-    def spread(self) -> Square:
-        """Give the covariance of the latest place that comparisons which tell of another one add (d, d)."""
-        return (
-            np.zeros_like(self.doubts[-1]) if np.isnan(self.contrary).any() else np.outer(self.contrary, self.contrary)
-        )
 
     def difference(self, i: int, j: int = -1) -> Square:
         """Give the covariance of the difference of place between frames i and j."""
@@ -208,8 +186,8 @@ class Window:
         rate, rate_covariance = self._latest_rate()
         noise = self.model.density * dt**3 / 3.0 * np.eye(d)
         self.expected = dt * rate, dt**2 * rate_covariance + noise + shake
-        self.rival = self.contrary = np.full(d, np.nan)
-        self.unsettled = 0.0 if self.other is None else self.other.probability
+        nowhere = np.full(d, np.nan)
+        self.told = Told(nowhere, nowhere, unsettled=0.0 if self.other is None else self.other.probability)
         self.other_expected = self.expected if self.other is None else self.other.expected(dt, self.expected[1])
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         self.state, self.covariance = motion_kernels.advance(
