@@ -7,6 +7,8 @@ the next, or their boxes, with all that is in them, are 0.3 or 0.6 m off for one
 """
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +18,18 @@ from registration import se3
 from registration.synthetic.bodies import draw_body
 from registration.synthetic.lidar import HDL_64E, PlacedMesh, scan
 from registration.types import Points
-from tracker.estimators import create_estimator
+from tracker.estimators import Estimator, create_estimator
+from tracker.estimators.fused import FusedEstimator, FusedSettings
 from tracker.types import Segment, VelocityEstimate
 
 from .console import print_table
 
-ESTIMATORS = ("centroid-kf", "adh-3d", "fused")
+ESTIMATORS: dict[str, Callable[[], Estimator]] = {
+    "centroid-kf": partial(create_estimator, "centroid-kf"),
+    "adh-3d": partial(create_estimator, "adh-3d"),
+    "fused, no look is off": partial(FusedEstimator, settings=FusedSettings(weighs_looks=False)),
+    "fused": partial(create_estimator, "fused"),
+}
 N_CARS = 6  # of a scene, each in a direction of its own
 BEFORE, AFTER = 9, 6  # frames
 DT, SPEED = 0.1, 15.0
@@ -52,7 +60,7 @@ def main() -> None:
     body = []
     for event in EVENTS:
         scenes = [_scene(seed, event) for seed in range(n_scenes)]
-        body += [[event.name, name, *_cells(name, scenes, event)] for name in ESTIMATORS]
+        body += [[event.name, name, *_cells(create, scenes, event)] for name, create in ESTIMATORS.items()]
     print_table(list(HEADER), body)
 
 
@@ -86,11 +94,11 @@ def _segment(car: int, frame: int, points: Points) -> Segment:
     return Segment(car, "Car", frame, DT * frame, points, -HEIGHT)
 
 
-def _cells(name: str, scenes: list[Scene], event: Event) -> list[str]:
+def _cells(create: Callable[[], Estimator], scenes: list[Scene], event: Event) -> list[str]:
     """Run an estimator; give the number of cars, median errors, and the mean NEES of the first two looks."""
     errors, nees = [], []
     for frames, ways in scenes:
-        estimator = create_estimator(name)
+        estimator = create()
         found = [estimator.step(segments, DT * k, np.eye(4)) for k, segments in enumerate(frames)]
         for car, way in enumerate(ways):
             if min(len(segments[car].points_lidar) for segments in frames) >= FEWEST:

@@ -8,7 +8,8 @@ from regmot import sudden_changes
 def test_each_event_has_a_row_for_each_estimator(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["sudden_changes", "1"])
     monkeypatch.setattr(sudden_changes, "EVENTS", (sudden_changes.Event("stop", change=15.0),))
-    monkeypatch.setattr(sudden_changes, "ESTIMATORS", ("adh-3d", "centroid-kf"))
+    chosen = {name: sudden_changes.ESTIMATORS[name] for name in ("adh-3d", "centroid-kf")}
+    monkeypatch.setattr(sudden_changes, "ESTIMATORS", chosen)
     sudden_changes.main()
     rows = [line.split("│")[1:-1] for line in capsys.readouterr().out.splitlines() if "stop" in line]
     (_, first, n, *errors), (_, second, _, *late) = rows

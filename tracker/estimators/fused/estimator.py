@@ -47,6 +47,7 @@ class FusedSettings:
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
+        weighs_looks: whether looks may be off as a whole, and what contradicts an expected place is searched for.
         undoes_sweep: whether what objects move while the beams pass them is undone, where scans are raw sweeps.
         turns_axes: whether the sensor's axes are known to turn, where there are no poses.
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
@@ -63,6 +64,7 @@ class FusedSettings:
     search_floor: float = 0.1
     search_doubt: float = 4.0
     pose_turn_sd: float = 0.001
+    weighs_looks: bool = True
     undoes_sweep: bool = True
     turns_axes: bool = True
     refers_to_center: bool = True
@@ -130,7 +132,8 @@ class FusedEstimator(FrameEstimator):
         is_laid = self._compare_shapes(known, new)
         solve([track.turn for track in known.values()])
         for key, track in known.items():
-            track.place.weigh_look(self._axes)
+            if self.settings.weighs_looks:
+                track.place.weigh_look(self._axes)
             track.looks.append(new[key])
             if self.settings.refers_to_center:
                 track.refer_to_center()
@@ -219,8 +222,9 @@ class FusedEstimator(FrameEstimator):
             own = self.settings
             shift = track.place.at(-1) - place
             covariance = own.search_doubt * track.step_covariance(lag)
-            covariance = covariance + own.search_doubt * (self._swing(track) + track.place.told.spread())
-            covariance = covariance + own.search_floor**2 * np.eye(2)
+            covariance = covariance + own.search_doubt * self._swing(track) + own.search_floor**2 * np.eye(2)
+            if own.weighs_looks:
+                covariance = covariance + own.search_doubt * track.place.told.spread()
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
         return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)
 
