@@ -223,10 +223,10 @@ class FusedEstimator(FrameEstimator):
             shift = track.place.at(-1) - place
             covariance = own.search_doubt * track.step_covariance(lag)
             covariance = covariance + own.search_doubt * self._swing(track) + own.search_floor**2 * np.eye(2)
-            if own.weighs_looks:
-                covariance = covariance + own.search_doubt * track.place.told.spread()
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
-        return Expected(planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0])), covariance, doubt)
+        T = planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0]))
+        contrary = self.settings.search_doubt * self.settings.weighs_looks * track.place.told.spread()
+        return Expected(T, covariance, doubt, contrary)
 
     def _swing(self, track: Track) -> Square:
         """Give the covariance of where an object is that the axes' own turn adds [m^2]."""

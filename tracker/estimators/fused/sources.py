@@ -1,7 +1,7 @@
 """Where evidence of an object's motion comes from: its shape, laid on itself, and the network's opinion."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float64
@@ -63,11 +63,19 @@ class Expected:
         T: the motion; the earlier points are put there first.
         covariance: of what is left of (x, y) [m^2]; None where nothing is known of the motion.
         turn_variance: of what is left of yaw [rad^2].
+        contrary: covariance that another place adds which is told of, beside that (x, y) [m^2].
     """
 
     T: Transform
     covariance: Square | None
     turn_variance: float
+    contrary: Square = field(default_factory=lambda: np.zeros((2, 2)))
+
+    def is_sure(self, n_points: int) -> bool:
+        """Say whether the place is known well enough for planes, and points are many enough."""
+        if self.covariance is None or n_points < FEW_POINTS:
+            return False
+        return bool(np.linalg.eigvalsh(self.covariance)[-1] <= SURE**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +144,8 @@ class Shape:
 
 
 def _is_searched(job: Laid, moved: Points, target: Look) -> bool:
-    """Say whether the place is not known well enough for planes, or points are too few."""
-    covariance = job.expected.covariance
-    if covariance is None or min(len(moved), len(target.points)) < FEW_POINTS:
-        return True
-    return bool(np.linalg.eigvalsh(covariance)[-1] > SURE**2)
+    """Say whether the place is not known well enough for planes, something contradicts it, or points are too few."""
+    return not job.expected.is_sure(min(len(moved), len(target.points))) or bool(job.expected.contrary.any())
 
 
 class Learned:
@@ -185,7 +190,7 @@ def _prior(expected: Expected, moved: Points, newer: Points) -> MotionPrior:
     if expected.covariance is None:
         covariance += FIRST_DOUBT * uncertainty.of_centroids(moved, newer)
     else:
-        covariance[:2, :2] = expected.covariance
+        covariance[:2, :2] = expected.covariance + expected.contrary
     covariance[2, 2] = expected.turn_variance
     return MotionPrior(np.zeros(3), covariance)
 
@@ -210,10 +215,11 @@ def _evidence_of_shape(
     covariance = _about(result.covariance, 0.0, result.source_centroid[:2], at)
     information = _inverse(covariance[:2, :2])
     if expected.covariance is not None:
-        information = _without(information, _inverse(expected.covariance))
+        information = _without(information, _inverse(expected.covariance + expected.contrary))
     turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
+    was_searched = before is not None and not expected.is_sure(n_points)  # else it has chosen between two places only
     variance = TURN_SHARE * result.covariance[2, 2] + (TURN_SAMPLING / n_points) ** 2
-    return Evidence(step, information, turn, float(variance) if is_refined else float("inf"), before is not None)
+    return Evidence(step, information, turn, float(variance) if is_refined else float("inf"), was_searched)
 
 
 def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, place: Vector) -> Evidence:
