@@ -55,7 +55,7 @@ HEADER = ("event", "estimator", "n", *(f"look {k}" for k in LATER), "NEES, look 
 
 
 def main() -> None:
-    """Scan the scenes once, or once for each event; print medians."""
+    """Scan the scenes for each event; print medians, and mean NEES."""
     n_scenes = int(sys.argv[1]) if sys.argv[1:] else 10
     body = []
     for event in EVENTS:

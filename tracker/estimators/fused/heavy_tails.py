@@ -33,6 +33,6 @@ def cost(tail, dimension, distance):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def density(tail, dimension, distance):
-    """Give the density of Student's t against its own centre's."""
-    return (1.0 + distance / tail) ** (-0.5 * (tail + dimension)) if tail > 0.0 else np.exp(-0.5 * distance)
+def log_density(tail, dimension, distance):
+    """Give the logarithm of the density of Student's t against its own centre's."""
+    return -0.5 * (tail + dimension) * np.log1p(distance / tail) if tail > 0.0 else -0.5 * distance

@@ -12,7 +12,7 @@ from tracker.estimators.fused import heavy_tails
 
 # A look may be off as a whole, as by a box that jumps: share of such looks, and standard deviation along each axis [m].
 OFF_SHARE, OFF_SD = 0.01, 0.3
-LEAST = 1e-4  # an explanation that is less likely is not kept
+MOST_COST = 9.0  # an explanation that is less likely than that is not kept: difference of negative logarithms
 
 Vector = Float64[np.ndarray, " d"]
 Square = Float64[np.ndarray, "d d"]
@@ -102,10 +102,10 @@ def weigh(seen: Seen, tails: tuple[float, float]) -> tuple[Square, Other | None]
         seen: the step.
         tails: degrees of freedom of Student's t for errors of looks, and of the motion; 0: normal.
     """
-    doubt, share, away = _weigh(seen.step, seen.shown, seen.expected, seen.covariance, tails[0], tails[1])
+    doubt, odds, away = _weigh(seen.step, seen.shown, seen.expected, seen.covariance, tails[0], tails[1])
     is_sudden = bool((seen.step != seen.shown).any())
-    likely = 1.0 - share if is_sudden else share
-    if likely < LEAST:
+    cost = odds if is_sudden else -odds
+    if cost > MOST_COST:
         return doubt, None
     off = seen.shown - seen.expected
     if is_sudden:  # somewhere in the step
@@ -113,7 +113,6 @@ def weigh(seen: Seen, tails: tuple[float, float]) -> tuple[Square, Other | None]
     else:
         rate, open_ = seen.expected / seen.seconds, seen.covariance
     other = seen.shown - seen.step if is_sudden else -away
-    cost = float(np.log((1.0 - likely) / likely))
     return doubt, Other(other, rate, open_ / seen.seconds**2, cost, is_sudden, seen.seconds)
 
 
@@ -124,15 +123,18 @@ def _weigh(step, shown, expected, covariance, tail, motion_tail):
 
     Source: Bayes' theorem over two hypotheses.  Each adds, by its share, how far it is from the step that was taken.
 
+    The motion's t is that of a place alone, where the windows' is of place and rate.
+
     Returns:
-        covariance (D, D), share of a look that is off, and where the step was taken to relative to that (D).
+        covariance (D, D), logarithm of the odds that the look is off, and where the step was taken to relative to
+        that (D).
     """
     D, off = len(step), shown - expected
     wider = covariance + OFF_SD**2 * np.eye(D)
-    narrow = np.sqrt(np.linalg.det(covariance) / np.linalg.det(wider))
+    narrow = 0.5 * np.log(np.linalg.det(covariance) / np.linalg.det(wider))
     back = np.linalg.solve(wider, off)
-    moved = heavy_tails.density(motion_tail, D, off @ np.linalg.solve(covariance, off))
-    wrong = OFF_SHARE * narrow * heavy_tails.density(tail, D, off @ back)
-    share, left = wrong / (moved + wrong), (step - shown).reshape(D, 1)
+    odds = np.log(OFF_SHARE) + narrow + heavy_tails.log_density(tail, D, off @ back)
+    odds -= heavy_tails.log_density(motion_tail, D, off @ np.linalg.solve(covariance, off))
+    share, left = 1.0 / (1.0 + np.exp(-odds)), (step - shown).reshape(D, 1)
     away = left + OFF_SD**2 * back.reshape(D, 1)
-    return (1.0 - share) * (left @ left.T) + share * (away @ away.T), share, away[:, 0]
+    return (1.0 - share) * (left @ left.T) + share * (away @ away.T), odds, away[:, 0]

@@ -26,15 +26,19 @@ def probability(window: Window) -> float:
     """
     middle = (len(window) - 1) // 2
     step, seconds, covariance = _since(window, 0)
-    standing = STANDING * _density(step, covariance)
-    moving = sum(share * _density(step, covariance + (speed * seconds) ** 2 * np.eye(2)) for share, speed in MOVING)
-    half, short, covariance = _since(window, middle)
-    bend, share = half - short / seconds * step, CHANGING[0]
-    wide = covariance + (0.5 * CHANGING[1] * short * (seconds - short)) ** 2 * np.eye(2)
-    steady = _density(bend, covariance)
-    return float(
-        standing * steady / (standing * steady + moving * ((1.0 - share) * steady + share * _density(bend, wide)))
+    standing = math.log(STANDING) + _log_density(step, covariance)
+    moving = np.logaddexp.reduce(
+        [
+            math.log(share) + _log_density(step, covariance + (speed * seconds) ** 2 * np.eye(2))
+            for share, speed in MOVING
+        ]
     )
+    half, short, covariance = _since(window, middle)
+    bend, (share, acceleration) = half - short / seconds * step, CHANGING
+    wide = covariance + (0.5 * acceleration * short * (seconds - short)) ** 2 * np.eye(2)
+    steady = _log_density(bend, covariance)
+    changing = np.logaddexp(math.log(1.0 - share) + steady, math.log(share) + _log_density(bend, wide))
+    return float(np.exp(standing + steady - np.logaddexp(standing + steady, moving + changing)))
 
 
 def _since(window: Window, i: int) -> tuple[Vector, float, Square]:
@@ -51,8 +55,8 @@ def mixed(steps: Steps, standing: float) -> Steps:
     return replace(steps, velocities=moving * v, covariances=spread)
 
 
-def _density(x: Vector, covariance: Square) -> float:
+def _log_density(x: Vector, covariance: Square) -> float:
     (a, b), (_, c) = covariance.tolist()
     u, v = x.tolist()
     determinant = a * c - b * b
-    return math.exp(-0.5 * (c * u * u - 2.0 * b * u * v + a * v * v) / determinant) / math.sqrt(determinant)
+    return -0.5 * ((c * u * u - 2.0 * b * u * v + a * v * v) / determinant + math.log(determinant))

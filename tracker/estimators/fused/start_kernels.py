@@ -74,7 +74,9 @@ def choose(x, windows, rotations, tails):
         place, likely, contrary, share, cost = _best(
             places, informations, expected, uncertain, HARDEST * seconds**2, tails
         )
-        if not np.isnan(windows.others[k, 0]):
+        if not np.isnan(windows.others[k, 0]) and len(places) == 1:
+            chosen.unsettled[k] = 1.0 / (1.0 + np.exp(windows.other_costs[k]))
+        elif not np.isnan(windows.others[k, 0]):
             places[0] = x[k, at - 2 * D : at - D] + other + R_before @ windows.other_expected[k]
             uncertain = R_before @ windows.other_covariances[k] @ R_before.T
             own = _best(places, informations, places[0], uncertain, HARDEST * seconds**2, tails)
@@ -147,8 +149,13 @@ def _best(places, informations, expected, uncertain, farthest, tails):
         off = places[i] - places[best]
         if costs[i] < least and off @ off > APART**2:
             contrary, least = places[i], costs[i]
+    # how much wider than the comparisons' own the likelihood of what they tell is: nothing, where they tell nothing
+    told = np.zeros((len(expected), len(expected)))
+    for j in range(1, len(places)):
+        told += informations[j]
+    wide = np.log(np.linalg.det(np.eye(len(expected)) + uncertain @ told))
     share = 0.0 if np.isnan(contrary[0]) else 1.0 / (1.0 + np.exp(least - costs[best]))
-    return places[best], places[np.argmin(costs)], contrary, share, costs[best] + 0.5 * np.log(np.linalg.det(uncertain))
+    return places[best], places[np.argmin(costs)], contrary, share, costs[best] + 0.5 * wide
 
 
 @njit(cache=True, nogil=True)

@@ -16,6 +16,7 @@ Moved = tuple[Float64[np.ndarray, "m d"], Float64[np.ndarray, "m d d"], Float64[
 Joint = Float64[np.ndarray, "m m"]  # over all frames, m = 2 n d
 
 SHORTEST_STEP = 0.01  # [s]
+UNSETTLED = 0.05  # what is left of the probability that a look is right when it is dropped
 PLACED = 1e-6  # variance of the first place, which only fixes where zero is
 
 
@@ -93,6 +94,10 @@ class Window:
     doubts: list[Square] = field(default_factory=list)
     is_off: list[bool] = field(default_factory=list)
     _rates: list[tuple[Vector, Square]] = field(default_factory=list)  # of each frame, known at its own time
+    _other_known: tuple[Vector, Square] = field(default_factory=lambda: (np.zeros(2), np.eye(2)))  # by the other one
+    _left: Square = field(
+        default_factory=lambda: np.zeros((2, 2))
+    )  # doubt of the latest step, since the look before is
 
     @classmethod
     def start(cls, model: MotionModel, time: float, axes: Heading, place: Vector) -> "Window":
@@ -144,19 +149,22 @@ class Window:
         The comparisons of a look share its error, so nothing but the next look tells it from a sudden change.  What a
         look told that is off is dropped.  As far as the look before is not settled, both its step and the next may err.
         """
+        turned = planar.rotation(-axes.turn_since(self.axes[-2]))
         left = np.zeros_like(self.doubts[-1])
         if self.other is not None:
             left = self.told.unsettled * np.outer(self.other.off, self.other.off)
-            if self.other.is_sudden and self.comparisons[-1:] and self.comparisons[-1].newer == self._newest:
+            has_told = self.comparisons[-1:] and self.comparisons[-1].newer == self._newest
+            if self.other.is_sudden and has_told and self.told.unsettled < UNSETTLED:
                 self._drop_look_before()
-        doubt, self.other = hypotheses.weigh(self._seen(axes), self.model.tails)
+        doubt, self.other = hypotheses.weigh(self._seen(turned), self.model.tails)
         if np.isnan(self.told.rival).any():
             doubt = doubt + self.told.contrary_share * self.told.spread()
-        self.doubts[-2:] = left, doubt + left
+        self.doubts[-2] = self._left + left
+        self._left = turned @ left @ turned.T
+        self.doubts[-1] = doubt + self._left
 
-    def _seen(self, axes: Heading) -> Seen:
+    def _seen(self, turned: Square) -> Seen:
         expected, covariance = self.expected
-        turned = planar.rotation(-axes.turn_since(self.axes[-2]))
         step = self.state[-1, 0] - turned @ self.state[-2, 0]
         shown = step if np.isnan(self.told.rival).any() else self.told.rival
         seconds = self.times[-1] - self.times[-2]
@@ -188,7 +196,9 @@ class Window:
         self.expected = dt * rate, dt**2 * rate_covariance + noise + shake
         nowhere = np.full(d, np.nan)
         self.told = Told(nowhere, nowhere, unsettled=0.0 if self.other is None else self.other.probability)
-        self.other_expected = self.expected if self.other is None else self.other.expected(dt, self.expected[1])
+        if self.other is not None:
+            self.other_expected = self.other.expected(dt, self.expected[1])
+            self._other_known = self.other.rate, self.other.rate_covariance + rate_covariance
         turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
         self.state, self.covariance = motion_kernels.advance(
             self.state, self.covariance, dt, turned, float(self.model.density), shake, is_full
@@ -229,7 +239,7 @@ class Window:
     def take_other(self) -> None:
         """Take the other explanation of the look before; the state is that of it already."""
         assert self.other is not None
-        self._rates[-2] = self.other.rate, self.other.rate_covariance + self._rates[-2][1]
+        self._rates[-2], self._other_known = self._other_known, self._rates[-2]
         rate = self.expected[0] / (self.times[-1] - self.times[-2])
         self.other, self.expected, self.other_expected = self.other.reversed(rate), self.other_expected, self.expected
 
