@@ -72,8 +72,18 @@ class Told:
 
     def spread(self) -> Square:
         """Give the covariance of the last place that the contrary one adds (d, d)."""
-        contrary = np.nan_to_num(self.contrary)
-        return np.outer(contrary, contrary)
+        d = len(self.contrary)
+        return self.contrary[:, None] * self.contrary if self.has_contrary else np.zeros((d, d))
+
+    @property
+    def has_rival(self) -> bool:
+        """Whether the last step could be more sudden."""
+        return not math.isnan(self.rival[0])
+
+    @property
+    def has_contrary(self) -> bool:
+        """Whether some comparisons tell of another place."""
+        return not math.isnan(self.contrary[0])
 
 
 @dataclass(frozen=True, slots=True)

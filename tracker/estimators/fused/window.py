@@ -157,7 +157,7 @@ class Window:
             if self.other.is_sudden and has_told and self.told.unsettled < UNSETTLED:
                 self._drop_look_before()
         doubt, self.other = hypotheses.weigh(self._seen(turned), self.model.tails)
-        if np.isnan(self.told.rival).any():
+        if self.told.has_contrary and not self.told.has_rival:
             doubt = doubt + self.told.contrary_share * self.told.spread()
         self.doubts[-2] = self._left + left
         self._left = turned @ left @ turned.T
@@ -166,7 +166,7 @@ class Window:
     def _seen(self, turned: Square) -> Seen:
         expected, covariance = self.expected
         step = self.state[-1, 0] - turned @ self.state[-2, 0]
-        shown = step if np.isnan(self.told.rival).any() else self.told.rival
+        shown = self.told.rival if self.told.has_rival else step
         seconds = self.times[-1] - self.times[-2]
         return Seen(step, shown, turned @ expected, turned @ covariance @ turned.T, seconds)
 
