@@ -94,10 +94,9 @@ class Window:
     doubts: list[Square] = field(default_factory=list)
     is_off: list[bool] = field(default_factory=list)
     _rates: list[tuple[Vector, Square]] = field(default_factory=list)  # of each frame, known at its own time
-    _other_known: tuple[Vector, Square] = field(default_factory=lambda: (np.zeros(2), np.eye(2)))  # by the other one
-    _left: Square = field(
-        default_factory=lambda: np.zeros((2, 2))
-    )  # doubt of the latest step, since the look before is
+    # what would be known of the rate at the frame before by its other explanation; doubt that its look leaves
+    _other_known: tuple[Vector, Square] = field(default_factory=lambda: (np.zeros(2), np.eye(2)))
+    _left: Square = field(default_factory=lambda: np.zeros((2, 2)))
 
     @classmethod
     def start(cls, model: MotionModel, time: float, axes: Heading, place: Vector) -> "Window":
