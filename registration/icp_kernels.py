@@ -23,6 +23,7 @@ CLOSE = 1e-9  # lists are given up this much before they have to be [m]
 LINE = 0.01  # neighbours lie on a line whose second scatter is less than this share of the first
 UPRIGHT = 0.5  # a plane counts as upright when its normal's horizontal part is longer than this, ...
 FLAT = 0.2  # ... and as flat, telling of z alone, when it is shorter than this
+PLANE_NUMBERS = 3  # numbers that a plane has
 LARGEST_TURN = 0.2  # of one update [rad]
 LISTED = 4  # target points that a source point remembers
 
@@ -307,26 +308,44 @@ def _add_best_motion(within, memory, motion):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def estimate_normals(points, first, frame, radius, n_neighbours):
-    """Fit a plane to the neighbourhood of every point; give unit normals (n, 3), zero where there is none to fit.
+def fit_planes(points, first, frame, radius, n_neighbours):
+    """Fit a plane to the neighbourhood of every point: unit normal, variance of its lean [rad^2] (n, 4).
 
     Neighbourhood: the `n_neighbours` nearest points, itself among them, within `radius` [m].  Neighbours on a line,
-    as those of a single scan ring, leave the plane open: an upright one is taken then.
+    as those of a single scan ring, leave the plane open: an upright one is taken then.  The normal is zero where there
+    is no plane to fit.  A normal leans sideways, along the ground, by the noise of the points that it was fitted to.
     """
-    normals = np.zeros((len(points), 3))
+    planes = np.zeros((len(points), 4))
     rows, distances2 = np.full(n_neighbours, -1), np.empty(n_neighbours)
     scatter = np.empty((3, 3))
     for i in range(len(points)):
         look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, rows, distances2)
-        _scatter(points, rows, scatter)
-        normals[i, 0], normals[i, 1], normals[i, 2] = _normal(scatter)
-    return normals
+        n = _scatter(points, rows, scatter)
+        planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter)
+        planes[i, 3] = _lean(scatter, planes[i], n)
+    return planes
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _lean(scatter, normal, n):
+    """Give the variance of how far a normal leans sideways: that of the slope of a plane through n points, there."""
+    steepness = np.hypot(normal[0], normal[1])
+    if n <= PLANE_NUMBERS or not steepness > FLAT:
+        return 0.0
+    x, y = -normal[1] / steepness, normal[0] / steepness
+    across = 0.0
+    for a in range(3):
+        for b in range(3):
+            across += normal[a] * scatter[a, b] * normal[b]
+    along = x * x * scatter[0, 0] + 2.0 * x * y * scatter[0, 1] + y * y * scatter[1, 1]
+    return max(across, 0.0) / (n - PLANE_NUMBERS) / along if along > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def _scatter(points, rows, scatter):
-    """Sum the products of coordinates about the mean of some rows, those of -1 left out."""
+    """Sum the products of coordinates about the mean of some rows, those of -1 left out; give their number."""
     n, mean = 0, np.zeros(3)
     for row in rows:
         if row >= 0:
@@ -339,6 +358,7 @@ def _scatter(points, rows, scatter):
             for a in range(3):
                 for b in range(3):
                     scatter[a, b] += (points[row, a] - mean[a] / n) * (points[row, b] - mean[b] / n)
+    return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -405,12 +425,12 @@ def _eigenvector(A, value):
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def point_to_plane(  # noqa: PLR0913
-    begin, end, sources, source_begin, points, points_begin, first, first_begin, frames, normals, limits, beliefs,
+    begin, end, sources, source_begin, points, points_begin, first, first_begin, frames, planes, limits, beliefs,
     motions, outcomes, informations
 ):  # fmt: skip
     """Align pairs `begin` to `end` of a batch by bringing points onto their neighbours' planes.
 
-    As `point_to_point`, and: `normals` of the targets' points; `limits`: (max_distance [m], max_iterations, tolerance
+    As `point_to_point`, and: `planes` about the targets' points; `limits`: (max_distance [m], max_iterations, tolerance
     [m and rad], min_points, noise [m], robust_scale [m], independent pairs, belief about the change of height [1/m^2]);
     `beliefs[k]`: inverse covariance of the start; `informations[k]` becomes what the planes alone say of the motion, an
     inverse covariance too; `outcomes[k]` ends with the change of height beside that of the centroids [m].
@@ -421,20 +441,20 @@ def point_to_plane(  # noqa: PLR0913
         target_first = first[first_begin[k] : first_begin[k + 1]]
         row = outcomes[k]
         row[0], row[1], row[2], row[3], row[4] = _align_planes(
-            source, points[a:b], target_first, frames[k], normals[a:b], limits, beliefs[k], motions[k], informations[k]
+            source, points[a:b], target_first, frames[k], planes[a:b], limits, beliefs[k], motions[k], informations[k]
         )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def _align_planes(source, points, first, frame, normals, limits, belief, motion, information):  # noqa: PLR0913
+def _align_planes(source, points, first, frame, planes, limits, belief, motion, information):  # noqa: PLR0913
     max_distance, max_iterations, tolerance, min_points, noise, robust_scale, independent, height_belief = limits
     fewest = min(len(source), len(points))
     if fewest == 0 or fewest < min_points:
         return EMPTY if fewest == 0 else TOO_FEW_POINTS, 0, np.nan, 0, 0.0
     memory, rows = nothing_paired(source)
     start, lift = motion.copy(), 0.0
-    known, full, gradient = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4)
+    known, full, gradient, leaning = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4), np.zeros((3, 3))
     known[:3, :3], known[3, 3] = belief, height_belief
     n_pairs, rmse = 0, np.nan
     for iteration in range(1, max_iterations + 1):
@@ -442,10 +462,11 @@ def _align_planes(source, points, first, frame, normals, limits, belief, motion,
         if n_pairs < min_points:
             return NO_OVERLAP, 0, np.nan, iteration - 1, lift
         n_planes = _compare_with_planes(
-            points, normals, motion, max_distance, robust_scale, memory, rows, full, gradient
+            points, planes, motion, max_distance, robust_scale, memory, rows, full, gradient, leaning
         )
         weight = min(1.0, independent / max(n_planes, 1)) / noise**2
         full *= weight
+        leaning *= weight
         gradient *= -weight
         gradient[:3] -= belief @ (motion - start)
         gradient[3] -= height_belief * lift
@@ -453,23 +474,30 @@ def _align_planes(source, points, first, frame, normals, limits, belief, motion,
         longest = max(np.hypot(step[0], step[1]), abs(step[3]))
         step /= max(longest / max_distance, abs(step[2]) / LARGEST_TURN, 1.0)
         motion += step[:3]
-        _without_height(full, height_belief, information)
         if np.hypot(step[0], step[1]) < tolerance and abs(step[2]) < tolerance:
+            _tell(full, leaning, height_belief, information)
             return CONVERGED, n_pairs, rmse, iteration, lift
         if abs(step[3]) > tolerance:  # less would make all points ask the grid again for nothing
             lift += step[3]
             _lift(points, step[3], memory, rows)
+    _tell(full, leaning, height_belief, information)
     return NOT_CONVERGED, n_pairs, rmse, max_iterations, lift
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def _without_height(full, height_belief, information):
-    """Leave out the height: what is known of (x, y, yaw) while it is unknown, but for a belief."""
+def _tell(full, leaning, height_belief, information):
+    """Say what is known of (x, y, yaw): height left out, unknown but for a belief, and what leaning normals seem to tell.
+
+    What is no more than that is not told at all.
+    """
     height = full[3, 3] + height_belief
     for a in range(3):
         for b in range(3):
-            information[a, b] = full[a, b] - full[a, 3] * full[3, b] / height
+            information[a, b] = full[a, b] - full[a, 3] * full[3, b] / height - leaning[a, b]
+    values, axes = np.linalg.eigh(information)
+    if values[0] < 0.0:
+        information[:] = (axes * np.maximum(values, 0.0)) @ axes.T
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -486,21 +514,28 @@ def _lift(points, step, memory, rows):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def _compare_with_planes(points, normals, motion, within, robust_scale, memory, rows, information, gradient):  # noqa: PLR0913
+def _compare_with_planes(  # noqa: PLR0913
+    points, planes, motion, within, robust_scale, memory, rows, information, gradient, leaning
+):
     """Set up J'WJ and J'Wr of the distances r to the partners' planes; give the number of planes that tell something.
 
     r = n (R s + t - q), J = (n_x, n_y, n_y a_x - n_x a_y, n_z) with the arm a = R s; the weight of a pair is Geman &
     McClure's, 1 / (1 + (r / robust_scale)^2)^2.  Planes that are not upright are not counted; flat ones tell of
     z alone.
+
+    `leaning` becomes what J'WJ expects to have of (x, y, yaw) only since normals lean: the same with the directions
+    along the planes, times the variances.  Along a flat side that is all there is: n of its normals seem to tell of a
+    motion along it as one end would.
     """
     information[:] = 0.0
     gradient[:] = 0.0
-    J, n_planes = np.zeros(4), 0
+    leaning[:] = 0.0
+    J, along, n_planes = np.zeros(4), np.zeros(3), 0
     for i in range(memory.shape[1]):
         row = rows[int(memory[NEAREST, i]), i]
         if not memory[DISTANCE2, i] < within**2:
             continue
-        n_x, n_y, n_z = normals[row, 0], normals[row, 1], normals[row, 2]
+        n_x, n_y, n_z = planes[row, 0], planes[row, 1], planes[row, 2]
         steepness2 = n_x**2 + n_y**2
         n_planes += 1 if steepness2 > UPRIGHT**2 else 0
         x, y = memory[X_NOW, i], memory[Y_NOW, i]
@@ -510,6 +545,12 @@ def _compare_with_planes(points, normals, motion, within, robust_scale, memory, 
         J[3] = n_z
         if steepness2 > FLAT**2:
             J[0], J[1], J[2] = n_x, n_y, n_y * (x - motion[0]) - n_x * (y - motion[1])
+            steepness, lean = np.sqrt(steepness2), weight * planes[row, 3]
+            along[0], along[1] = -n_y / steepness, n_x / steepness
+            along[2] = along[1] * (x - motion[0]) - along[0] * (y - motion[1])
+            for a in range(3):
+                for b in range(3):
+                    leaning[a, b] += lean * along[a] * along[b]
         for a in range(4):
             gradient[a] += weight * J[a] * r
             for b in range(4):

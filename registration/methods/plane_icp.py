@@ -44,10 +44,13 @@ class Surface(Cloud):
     n_neighbours: int
 
     @cached_property
-    def normals(self) -> Points:
-        """Normals of the grid's points; zero where too few neighbours make a plane."""
+    def planes(self) -> Float64[np.ndarray, "n 4"]:
+        """Planes about the grid's points: normals, zero where too few neighbours make one, and variance of their lean.
+
+        See `icp_kernels.fit_planes`.
+        """
         grid = self.grid
-        return icp_kernels.estimate_normals(grid.points, grid.first, grid.frame, self.radius, self.n_neighbours)
+        return icp_kernels.fit_planes(grid.points, grid.first, grid.frame, self.radius, self.n_neighbours)
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,8 @@ class PointToPlaneICP(BatchMethod):
     Normals are the target's.  z is a nuisance: solved for, kept in the result's shift, not in its covariance.  Where
     other parts are seen of an object, centroids rise or sink, and sloping planes (hoods, windscreens) would take
     that for a motion along the ground.
+    What is known of the motion is less what normals tell only since they lean, by the noise of the points that they
+    were fitted to: along the flat side of a car, seen through a gap, that is all.
     Pairs lose weight as their distance grows (Geman & McClure), and all together count as no more than
     `independent_pairs`.  The start, the centroids' shift with its own covariance or the prior, enters as one more
     measurement: it keeps the motion where the planes leave it open, as along the side of a car or with a single
@@ -107,11 +112,11 @@ class PointToPlaneICP(BatchMethod):
         doubts = np.array([_doubt(*pair, prior) for pair, prior in zip(pairs, priors, strict=True)])
         sources, begin = neighbours.pack_arrays([source.grid.points for source, _ in pairs])
         targets = neighbours.pack([target.grid for _, target in pairs])
-        normals, _ = neighbours.pack_arrays([target.normals for _, target in pairs])
+        planes, _ = neighbours.pack_arrays([target.planes for _, target in pairs])
         beliefs = np.linalg.inv(doubts)
         neighbours.share_out(
             lambda a, b: icp_kernels.point_to_plane(
-                a, b, sources, begin, *targets, normals, self._limits(), beliefs, motions, outcomes, informations
+                a, b, sources, begin, *targets, planes, self._limits(), beliefs, motions, outcomes, informations
             ),
             n,
             self.threads,

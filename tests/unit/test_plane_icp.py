@@ -33,10 +33,14 @@ def ring(n, seed=0, noise=0.005):
     return cloud + np.random.default_rng(seed).normal(0.0, noise, (n, 3))
 
 
-def normals_of(points, radius=0.5, n_neighbours=20):
+def planes_of(points, radius=0.5, n_neighbours=20):
     grid = build_grid(points, radius)
-    normals = icp_kernels.estimate_normals(grid.points, grid.first, grid.frame, radius, n_neighbours)
-    return normals[np.argsort(grid.order)]
+    planes = icp_kernels.fit_planes(grid.points, grid.first, grid.frame, radius, n_neighbours)
+    return planes[np.argsort(grid.order)]
+
+
+def normals_of(points):
+    return planes_of(points)[:, :3]
 
 
 def plane_icp(**settings):
@@ -89,6 +93,27 @@ def test_two_points_one_place_and_a_pole_have_no_plane():
     assert not normals_of(PLACE + [[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]]).any()
     assert not normals_of(np.tile(PLACE, (10, 1))).any()
     assert not normals_of(np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 1.5], 20)).any()
+
+
+def test_how_far_normals_lean_is_known():
+    rng, leans, expected = np.random.default_rng(0), [], []
+    for _ in range(40):
+        wall = np.column_stack([rng.uniform(-0.2, 0.2, 12), np.zeros(12), rng.uniform(-0.2, 0.2, 12)])
+        planes = planes_of(wall + rng.normal(0.0, [0.0, 0.02, 0.0], (12, 3)))
+        leans.append(planes[0, 0] / planes[0, 1])
+        expected.append(planes[0, 3])
+    assert np.mean(np.square(leans)) == pytest.approx(np.mean(expected), rel=0.5)
+
+
+def test_a_flat_side_tells_nothing_of_a_motion_along_it():
+    # as where a car passes behind a gap: what is seen of its side slides along it, and stays
+    source, target = side(150, seed=1, noise=0.015), side(150, seed=2, noise=0.015)
+    prior = MotionPrior(np.array([0.3, 0.0, 0.0]), np.diag([0.5, 0.5, 0.02]) ** 2)
+    method = plane_icp(independent_pairs=200.0, normal_neighbours=10)
+    result = method.align([tuple(method.prepare([source, target]))], [prior])[0]
+    along, across = np.sqrt(result.covariance.diagonal()[:2])
+    assert along > 0.4
+    assert across < 0.05
 
 
 def test_a_roof_that_comes_into_view_does_not_slide_sloping_planes():
