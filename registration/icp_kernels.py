@@ -487,9 +487,9 @@ def _align_planes(source, points, first, frame, planes, limits, belief, motion, 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def _tell(full, leaning, height_belief, information):
-    """Say what is known of (x, y, yaw): height left out, unknown but for a belief, and what leaning normals seem to tell.
+    """Say what is known of (x, y, yaw) while the height is unknown, but for a belief.
 
-    What is no more than that is not told at all.
+    What normals seem to tell since they lean is taken out; what is no more than that is not told at all.
     """
     height = full[3, 3] + height_belief
     for a in range(3):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,8 +33,9 @@ class FusedSettings:
     """From physics and the sensor; what is fitted was fitted on simulated training sequences.
 
     Attributes:
-        motion: of a car: accelerations of 3 m/s^2 that last for a tenth of a second to a second; objects faster than
-            30 m/s soon prove it.
+        motion: of a car: accelerations of 2 m/s^2 that last for a tenth of a second, of 1 m/s^2 that last for half of
+            one; objects faster than 30 m/s soon prove it.  Without a world, velocities are relative to a sensor that
+            moves as fast.
         turn: of a car's heading.
         shape_lags: how many looks ago are the points compared by shape; the first is the step itself.
         learned_lags: and by the network.
@@ -54,15 +55,15 @@ class FusedSettings:
         knows_parked: whether what stands in the world is taken to stand, or to move as most objects do without a world.
     """
 
-    motion: MotionModel = field(default_factory=lambda: MotionModel(density=2.0, rate_sd=15.0))
+    motion: MotionModel = field(default_factory=lambda: MotionModel(density=0.5, rate_sd=15.0))
     turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02, rate_sd=0.3))
     shape_lags: tuple[int, ...] = (1, 4)
     learned_lags: tuple[int, ...] = (1, 3, 8)
-    shape_changed: float = 2.0
-    learned_changed: float = 1.2
-    single_point: float = 0.5
+    shape_changed: float = 1.2
+    learned_changed: float = 0.75
+    single_point: float = 0.4
     search_floor: float = 0.1
-    search_doubt: float = 4.0
+    search_doubt: float = 8.0
     pose_turn_sd: float = 0.001
     weighs_looks: bool = True
     undoes_sweep: bool = True
@@ -238,7 +239,9 @@ class FusedEstimator(FrameEstimator):
         for key, sighting in sightings.items():
             if key in self._tracks:
                 continue
-            self._tracks[key] = Track.start((own.motion, own.turn), sighting, new[key], self._axes)
+            rate_sd = own.motion.rate_sd * (1.0 if sighting.in_world else math.sqrt(2.0))
+            models = replace(own.motion, rate_sd=rate_sd), own.turn
+            self._tracks[key] = Track.start(models, sighting, new[key], self._axes)
             if own.refers_to_center:
                 self._tracks[key].refer_to_center()
 

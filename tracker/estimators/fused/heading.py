@@ -6,9 +6,7 @@ from jaxtyping import Float64, Int64
 RATE_SD = 0.2  # of the ego's rate of turn before anything is known [rad/s]
 # White noise of its change [rad^2/s^3]: 0.3 rad/s^2 for a tenth of a second.
 DENSITY = 0.01
-# Of an object's own rate of turn [rad/s]: most go straight, some turn.  Twice what cars do, since all comparisons of
-# one object share it.
-OWN_TURN_SD = 0.3
+OWN_TURN_SD = 0.15  # of an object's own rate of turn [rad/s]: most go straight, some turn
 SHORTEST_STEP = 0.01  # [s]
 MOST_KEPT = 100  # frames whose angles are remembered, for objects that nothing was seen of in between
 

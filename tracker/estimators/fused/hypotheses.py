@@ -12,6 +12,8 @@ from tracker.estimators.fused import heavy_tails
 
 # A look may be off as a whole, as by a box that jumps: share of such looks, and standard deviation along each axis [m].
 OFF_SHARE, OFF_SD = 0.01, 0.3
+# What moves may change its velocity at once, as in a crash: share of looks, standard deviation along each axis [m/s].
+SUDDEN_SHARE, SUDDEN_SD = 0.002, 5.0
 MOST_COST = 9.0  # an explanation that is less likely than that is not kept: difference of negative logarithms
 
 Vector = Float64[np.ndarray, " d"]
@@ -112,7 +114,8 @@ def weigh(seen: Seen, tails: tuple[float, float]) -> tuple[Square, Other | None]
         seen: the step.
         tails: degrees of freedom of Student's t for errors of looks, and of the motion; 0: normal.
     """
-    doubt, odds, away = _weigh(seen.step, seen.shown, seen.expected, seen.covariance, tails[0], tails[1])
+    sudden = SUDDEN_SD * seen.seconds
+    doubt, odds, away = _weigh(seen.step, seen.shown, seen.expected, seen.covariance, sudden, tails)
     is_sudden = bool((seen.step != seen.shown).any())
     cost = odds if is_sudden else -odds
     if cost > MOST_COST:
@@ -128,8 +131,10 @@ def weigh(seen: Seen, tails: tuple[float, float]) -> tuple[Square, Other | None]
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _weigh(step, shown, expected, covariance, tail, motion_tail):
+def _weigh(step, shown, expected, covariance, sudden, tails):
     """Weigh both explanations: each is as likely as the motion, or an error of the look, makes what is seen.
+
+    The motion is as it is expected, or, rarely, changes at once by `sudden` (standard deviation of the step [m]).
 
     Source: Bayes' theorem over two hypotheses.  Each adds, by its share, how far it is from the step that was taken.
 
@@ -141,10 +146,17 @@ def _weigh(step, shown, expected, covariance, tail, motion_tail):
     """
     D, off = len(step), shown - expected
     wider = covariance + OFF_SD**2 * np.eye(D)
-    narrow = 0.5 * np.log(np.linalg.det(covariance) / np.linalg.det(wider))
     back = np.linalg.solve(wider, off)
-    odds = np.log(OFF_SHARE) + narrow + heavy_tails.log_density(tail, D, off @ back)
-    odds -= heavy_tails.log_density(motion_tail, D, off @ np.linalg.solve(covariance, off))
+    steady = _log_density(tails[1], off, covariance)
+    changed = np.log(SUDDEN_SHARE) + _log_density(tails[1], off, covariance + sudden**2 * np.eye(D))
+    odds = np.log(OFF_SHARE) + _log_density(tails[0], off, wider) - np.logaddexp(steady, changed)
     share, left = 1.0 / (1.0 + np.exp(-odds)), (step - shown).reshape(D, 1)
     away = left + OFF_SD**2 * back.reshape(D, 1)
     return (1.0 - share) * (left @ left.T) + share * (away @ away.T), odds, away[:, 0]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _log_density(tail, off, covariance):
+    own = heavy_tails.log_density(tail, len(off), off @ np.linalg.solve(covariance, off))
+    return own - 0.5 * np.log(np.linalg.det(covariance))

@@ -9,9 +9,9 @@ from tracker.estimators.fused.track import Steps
 from tracker.estimators.fused.window import Square, Vector, Window
 
 # How fast objects are, before anything is known: share of all, and standard deviation of each of vx, vy [m/s].
-# Slow ones have a share of their own, so that one that rolls is not taken for one that stands.
+# Slow ones have a share of their own, so that one that rolls is not taken for one that stands, and fast ones too.
 STANDING = 0.5
-MOVING = ((0.1, 0.5), (0.1, 2.0), (0.3, 8.0))
+MOVING = ((0.1, 0.5), (0.1, 2.0), (0.15, 8.0), (0.15, 20.0))
 CHANGING = (0.2, 3.0)  # share of what moves that changes its velocity; standard deviation of the acceleration [m/s^2]
 PLACE_SD = 0.02  # of the ego's own place between two frames of a window [m]
 STANDING_SD = 0.02  # of the velocity of what stands [m/s]

@@ -20,9 +20,11 @@ SHAPE_POINTS = 400  # of an earlier look, at most, that are laid on all points o
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
 TURN_SAMPLING = 1.0
-TURN_SHARE = 0.2  # of the variance of a turn that plane-icp claims; fitted on simulated training sequences
-# Factor of the covariances that the network claims: it was trained on simulated scans only, and costs nothing there.
-NETWORK_DOUBT = 4.0
+# Shares of what methods claim that their errors show within a track, on simulated training sequences and scenes (the
+# large ones are left to Student's t): of plane-icp's variance of a turn and covariance of a shift, and of the latter
+# where histograms had a say; factor of the network's variance of a turn, whose covariance of a shift is taken as it is.
+TURN_SHARE, SHAPE_SHARE, SEARCHED_SHARE = 0.2, 0.12, 0.3
+LEARNED_TURN_DOUBT = 4.0
 FEW_POINTS = 25  # clouds with fewer are searched for around, ...
 SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
@@ -101,6 +103,8 @@ class Shape:
     Where the place is not surely known, annealed histograms, which see all places around, find it first; what they
     find is the belief that the planes refine.  Elsewhere they are not asked: they match all that is seen, and where
     a part of the object comes into view they slide along with it, and are sure.
+    Where it is surely known, and only something contradicts it, they choose between both places, and are believed no
+    further.
     The expectation's own information is taken out again: it comes from the same window that the evidence goes to.
     """
 
@@ -117,16 +121,17 @@ class Shape:
         targets = [newer[job.newer] for job in laid]
         priors = [_prior(job.expected, a, b.points) for job, a, b in zip(laid, moved, targets, strict=True)]
         found = self._searched(laid, moved, targets, priors)
+        fewest = [min(len(cloud), len(look.points)) for cloud, look in zip(moved, targets, strict=True)]
         beliefs = [
-            prior if result is None else _belief(result, job.expected.turn_variance)
-            for prior, result, job in zip(priors, found, laid, strict=True)
+            prior if result is None else _belief(result, job.expected, n_points)
+            for prior, result, job, n_points in zip(priors, found, laid, fewest, strict=True)
         ]
         surfaces = self._planes.prepare([look.points for look in newer])
         sources = self._planes.prepare([thinned(cloud, SHAPE_POINTS) for cloud in moved])
         refined = self._planes.align([(a, surfaces[job.newer]) for a, job in zip(sources, laid, strict=True)], beliefs)
         return [
-            _evidence_of_shape(before, after, job, min(len(cloud), len(look.points)))
-            for before, after, job, cloud, look in zip(found, refined, laid, moved, targets, strict=True)
+            _evidence_of_shape(before, after, job, n_points)
+            for before, after, job, n_points in zip(found, refined, laid, fewest, strict=True)
         ]
 
     def _searched(
@@ -195,9 +200,12 @@ def _prior(expected: Expected, moved: Points, newer: Points) -> MotionPrior:
     return MotionPrior(np.zeros(3), covariance)
 
 
-def _belief(found: RegistrationResult, turn_variance: float) -> MotionPrior:
+def _belief(found: RegistrationResult, expected: Expected, n_points: int) -> MotionPrior:
+    """Believe what a search has found; where it has chosen between two places only, that it is there, no more."""
     covariance = found.covariance.copy()
-    covariance[2, 2] = turn_variance
+    if expected.covariance is not None and expected.is_sure(n_points):
+        covariance[:2, :2] = expected.covariance
+    covariance[2, 2] = expected.turn_variance
     return MotionPrior(found.motion_about(found.source_centroid), covariance)
 
 
@@ -214,10 +222,12 @@ def _evidence_of_shape(
     step = _moved(result.T_target_source, at) - place
     covariance = _about(result.covariance, 0.0, result.source_centroid[:2], at)
     information = _inverse(covariance[:2, :2])
-    if expected.covariance is not None:
-        information = _without(information, _inverse(expected.covariance + expected.contrary))
-    turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
     was_searched = before is not None and not expected.is_sure(n_points)  # else it has chosen between two places only
+    if expected.covariance is not None:
+        prior = expected.covariance + expected.contrary if was_searched else expected.covariance
+        information = _without(information, _inverse(prior))
+    information /= SEARCHED_SHARE if was_searched else SHAPE_SHARE
+    turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
     variance = TURN_SHARE * result.covariance[2, 2] + (TURN_SAMPLING / n_points) ** 2
     return Evidence(step, information, turn, float(variance) if is_refined else float("inf"), was_searched)
 
@@ -232,13 +242,14 @@ def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, 
     """
     T, turn = result.T_target_source, se3.yaw(result.T_target_source)
     covariance = _about(result.covariance, turn, result.source_centroid[:2], place)
-    information = _inverse(NETWORK_DOUBT * covariance[:2, :2])
+    information = _inverse(covariance[:2, :2])
     return Evidence(_moved(T, place) - place, information, turn, turn_variance(result, earlier, newer))
 
 
 def turn_variance(result: RegistrationResult, earlier: Look, newer: Look) -> float:
     """Say how well the network knows a turn [rad^2]."""
-    return NETWORK_DOUBT * float(result.covariance[2, 2]) + (TURN_SAMPLING / min(earlier.n_points, newer.n_points)) ** 2
+    variance = LEARNED_TURN_DOUBT * float(result.covariance[2, 2])
+    return variance + (TURN_SAMPLING / min(earlier.n_points, newer.n_points)) ** 2
 
 
 def _about(

@@ -13,9 +13,6 @@ from tracker.estimators.fused.sources import Evidence
 from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
 
 MOST_CENTERS = 20  # looks that count for where an object's centre is
-# Share of the window's covariance that is left when heavy tails are paid for by single errors, not by all of them:
-# fitted to the errors on simulated training sequences.
-HONEST_SHARE = 0.22
 LEAST_SD = 0.01  # of a velocity [m/s]
 FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
@@ -150,7 +147,7 @@ class Track:
             lengths=np.diff(numbers),
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=moved / seconds,
-            covariances=(HONEST_SHARE * known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
+            covariances=(known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
             doubts=np.array(self.place.doubts[1:]) / seconds[:, None] ** 2,
         )
 
