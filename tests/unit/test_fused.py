@@ -37,6 +37,25 @@ def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     assert np.linalg.eigvalsh(found.information).min() >= 0.0
 
 
+def test_where_histograms_only_choose_between_two_places_the_outline_of_a_gap_is_no_evidence():
+    """A car passes behind a gap; the network contradicts, and what is seen of its side fits itself best unmoved."""
+    rng = np.random.default_rng(4)
+    looks = [
+        np.column_stack([rng.uniform(-1.0, 1.0, 150), np.zeros(150), rng.uniform(0.0, 1.4, 150)]) for _ in range(2)
+    ]
+    earlier, later = (cloud + rng.normal(0.0, 0.015, cloud.shape) + [30.0, 5.0, -1.5] for cloud in looks)
+    moved_along = planar.to_transform(np.array([0.4, 0.0, 0.0]), np.zeros(3))
+    sure, contrary = 0.1**2 * np.eye(2), np.diag([0.4**2, 0.0])
+    evidence = {}
+    for told in (np.zeros((2, 2)), contrary):
+        expected = Expected(moved_along, sure, 0.01**2, told)
+        job = Laid(earlier, 0, earlier.mean(axis=0)[:2], expected)
+        (evidence[bool(told.any())],) = Shape().compare([job], [looked_at(later, encoded(later))])
+    for found in evidence.values():
+        assert found.information[0, 0] < 0.09**-2
+        assert found.information[1, 1] > 0.05**-2
+
+
 def looked_at(points, encoding, is_bent=False):
     n_from_1m = len(points) * float(np.sum(points.mean(axis=0)[:2] ** 2))
     return Look(points, len(points), n_from_1m, np.zeros(2), is_bent, encoding, 1)
