@@ -59,9 +59,9 @@ class FusedSettings:
     turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02, rate_sd=0.3))
     shape_lags: tuple[int, ...] = (1, 4)
     learned_lags: tuple[int, ...] = (1, 3, 8)
-    shape_changed: float = 1.2
-    learned_changed: float = 0.75
-    single_point: float = 0.4
+    shape_changed: float = 0.7
+    learned_changed: float = 0.5
+    single_point: float = 0.25
     search_floor: float = 0.1
     search_doubt: float = 8.0
     pose_turn_sd: float = 0.001
@@ -202,15 +202,20 @@ class FusedEstimator(FrameEstimator):
         return {key for key, _ in jobs}
 
     def _doubt(self, by_change: float, track: Track, lag: int, new: Look) -> float:
-        """Give the standard deviation of a comparison that looks which differ, and few points, add to it [m]."""
-        single, before = self.settings.single_point, track.looks[-lag]
-        return math.hypot(by_change * track.changed(lag, new), single / before.n_points, single / new.n_points)
+        """Give the standard deviation of a comparison that looks which differ, and few points, add to it [m].
+
+        All comparisons with a look share the error that it has since it shows few points, or fewer than the other: it
+        counts for so many times its variance as there are comparisons, so that many are worth no more than one.
+        """
+        before, single = track.looks[-lag], self.settings.single_point
+        older = math.sqrt(1.0 + track.place.n_told(lag))
+        newer = math.sqrt(len(_lags(track, self.settings.learned_lags)) + len(_lags(track, self.settings.shape_lags)))
+        changed = by_change * track.changed(lag, new) * (older if before.n_from_1m < new.n_from_1m else newer)
+        return math.hypot(changed, older * single / before.n_points, newer * single / new.n_points)
 
     def _jobs(self, known: Mapping[int, Track], lags: Sequence[int]) -> list[tuple[int, int]]:
         """List which looks are compared with the new ones; of a track that is not long enough yet, the first."""
-        return [
-            (key, lag) for key, track in known.items() for lag in sorted({min(lag, len(track.looks)) for lag in lags})
-        ]
+        return [(key, lag) for key, track in known.items() for lag in _lags(track, lags)]
 
     def _expected(self, track: Track, new: Look, lag: int) -> Expected:
         older = -1 - lag
@@ -244,6 +249,11 @@ class FusedEstimator(FrameEstimator):
             self._tracks[key] = Track.start(models, sighting, new[key], self._axes)
             if own.refers_to_center:
                 self._tracks[key].refer_to_center()
+
+
+def _lags(track: Track, lags: Sequence[int]) -> list[int]:
+    """Say how many looks ago a track is compared; the first look stands for those before it."""
+    return sorted({min(lag, len(track.looks)) for lag in lags})
 
 
 def _measurement(track: Track, steps: Steps, is_measured: bool) -> Measurement:

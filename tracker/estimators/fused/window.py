@@ -226,6 +226,11 @@ class Window:
             measured = np.concatenate([start, start + step, information.ravel()])
             self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
 
+    def n_told(self, lag: int) -> int:
+        """Say how many comparisons of earlier frames there are with the frame `lag` before the latest, as the older."""
+        older, newest = self._newest - lag, self._newest
+        return sum(c.older == older and c.newer < newest for c in self.comparisons)
+
     @property
     def _newest(self) -> int:
         return self.n_left + len(self) - 1
