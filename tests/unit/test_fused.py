@@ -9,7 +9,7 @@ from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
-from tracker.estimators.fused import parked, scene
+from tracker.estimators.fused import FusedEstimator, parked, scene
 from tracker.estimators.fused.look import Look
 from tracker.estimators.fused.sources import Evidence, Expected, Laid, Learned, Shape
 from tracker.estimators.fused.track import Steps
@@ -54,6 +54,19 @@ def test_where_histograms_only_choose_between_two_places_the_outline_of_a_gap_is
     for found in evidence.values():
         assert found.information[0, 0] < 0.09**-2
         assert found.information[1, 1] > 0.05**-2
+
+
+def test_many_comparisons_with_a_look_of_few_points_are_hardly_worth_more_than_one():
+    estimator, told = FusedEstimator(), {}
+    for k in range(6):
+        cloud = car_cloud(300, seed=k) + [14.0 + 0.4 * k, 4.0, -1.7]
+        estimator.step({7: segment(cloud[:3] if k == 0 else cloud, k)}, 0.1 * k, np.eye(4))
+        for comparison in estimator._tracks[7].place.comparisons:
+            if comparison.older == 0:
+                told[comparison.newer, comparison.measured.tobytes()] = comparison.measured[4:].reshape(2, 2)
+    information = [np.linalg.eigvalsh(told[key])[-1] for key in told]
+    assert len(information) >= 4  # by histograms; the network does not know what three points are
+    assert sum(information) < 3.0 * max(information)
 
 
 def looked_at(points, encoding, is_bent=False):
