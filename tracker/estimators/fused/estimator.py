@@ -44,7 +44,7 @@ class FusedSettings:
             along.  It goes with the square of the share of points that came or went, beside those that the range
             explains [m].
         single_point: standard deviation of where an object is by a single point of it; by n points, an n-th of that:
-            which of its points are seen is chance [m].
+            which of its points are seen is chance [m].  These three are of a single comparison; see `_doubt`.
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
