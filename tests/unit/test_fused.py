@@ -142,9 +142,9 @@ def test_an_object_that_nobody_is_sure_of_moves_as_those_that_stand():
     assert np.trace(settled[3].covariances[-1]) < 0.5 * 2 * 1.5**2
 
 
-def test_an_object_alone_stays_as_it_is_and_two_that_differ_nearly_so():
+def test_an_object_alone_stays_nearly_as_it_is_and_two_that_differ_nearly_so():
     (alone,) = scene.settle(seen_steps([[10.0, 0.0]], [[3.0, 1.0]], [0.2]))
-    np.testing.assert_array_equal(alone.velocities[-1], [3.0, 1.0])
+    np.testing.assert_allclose(alone.velocities[-1], [3.0, 1.0], atol=1e-3)
     two = scene.settle(seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [-9.0, 2.0]], [0.1, 0.1]))
     np.testing.assert_allclose(two[0].velocities[-1], [3.0, 1.0], atol=0.1)
 

@@ -145,12 +145,11 @@ class FusedEstimator(FrameEstimator):
     def _steps(self, known: Mapping[int, Track], in_world: bool) -> dict[int, Steps]:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
         steps = {key: track.steps() for key, track in known.items()}
-        if in_world and self.settings.knows_parked:
-            standing = {key: parked.probability(track.place) for key, track in known.items()}
-            return {key: parked.mixed(s, standing[key]).doubted(1.0 - standing[key]) for key, s in steps.items()}
-        if self.settings.knows_parked:
-            steps = dict(zip(steps, scene.settle(list(steps.values())), strict=True))
-        return {key: s.doubted(1.0) for key, s in steps.items()}
+        if self.settings.knows_parked and steps:
+            own = list(steps.values())
+            settled = parked.settle([track.place for track in known.values()], own) if in_world else scene.settle(own)
+            steps = dict(zip(steps, settled, strict=True))
+        return {key: s.doubted() for key, s in steps.items()}
 
     def _begin_frame(self, sightings: Mapping[int, Sighting]) -> None:
         """Go on with the axes if any object does; else begin them anew."""

@@ -1,50 +1,77 @@
-"""Whether an object stands still: the one motion that is common, exact, and worth a hypothesis of its own."""
+"""What stands in the world: the one motion that is common, exact, and worth a hypothesis of its own."""
 
-import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float64
 
-from tracker.estimators.fused.track import Steps
-from tracker.estimators.fused.window import Square, Vector, Window
+from tracker.estimators.fused import speeds
+from tracker.estimators.fused.track import SLIP_SD, Steps
+from tracker.estimators.fused.window import Window
 
-# How fast objects are, before anything is known: share of all, and standard deviation of each of vx, vy [m/s].
-# Slow ones have a share of their own, so that one that rolls is not taken for one that stands, and fast ones too.
-STANDING = 0.5
-MOVING = ((0.1, 0.5), (0.1, 2.0), (0.15, 8.0), (0.15, 20.0))
 CHANGING = (0.2, 3.0)  # share of what moves that changes its velocity; standard deviation of the acceleration [m/s^2]
 PLACE_SD = 0.02  # of the ego's own place between two frames of a window [m]
 STANDING_SD = 0.02  # of the velocity of what stands [m/s]
 
 
-def probability(window: Window) -> float:
-    """Compare how well standing and moving explain where an object was at the beginning, middle and end of a window.
+def settle(windows: Sequence[Window], tracks: Sequence[Steps]) -> list[Steps]:
+    """Weigh the velocities of a frame's objects, in the world, with how fast objects are there, and which stand.
 
-    The displacement's likelihood is a normal's about 0; moving makes it wider by the speed's share.  So is that of how
-    far the middle is off the line: what turns back may be where it was without ever having stood.  Source: Bayes'
-    theorem over the mixture; each window is judged anew, since those of neighbouring frames share their evidence.
+    Args:
+        windows: of the objects.
+        tracks: their steps; the latest step of each leads to the frame.
     """
-    middle = (len(window) - 1) // 2
-    step, seconds, covariance = _since(window, 0)
-    standing = math.log(STANDING) + _log_density(step, covariance)
-    moving = np.logaddexp.reduce(
-        [
-            math.log(share) + _log_density(step, covariance + (speed * seconds) ** 2 * np.eye(2))
-            for share, speed in MOVING
-        ]
-    )
-    half, short, covariance = _since(window, middle)
-    bend, (share, acceleration) = half - short / seconds * step, CHANGING
-    wide = covariance + (0.5 * acceleration * short * (seconds - short)) ** 2 * np.eye(2)
-    steady = _log_density(bend, covariance)
-    changing = np.logaddexp(math.log(1.0 - share) + steady, math.log(share) + _log_density(bend, wide))
-    return float(np.exp(standing + steady - np.logaddexp(standing + steady, moving + changing)))
+    logs = log_likelihoods(windows, np.array([steps.slip[0] for steps in tracks]))
+    shares = speeds.learned(logs)
+    standing = speeds.of_class(shares, logs)[0]
+    measured, _ = speeds.together(tracks)
+    nowhere = np.zeros_like(measured.means), np.zeros_like(measured.covariances)
+    sds = np.array([sd for _, sd in speeds.MOVING])
+    means, covariances, gains = speeds.mixed(measured, nowhere, sds, shares[1:], 1.0 - standing)
+    standing = standing / (standing + (1.0 - standing) * gains)
+    moving = measured._replace(means=means, covariances=covariances).given_to(tracks)
+    return [mixed(steps, float(p)) for steps, p in zip(moving, standing, strict=True)]
 
 
-def _since(window: Window, i: int) -> tuple[Vector, float, Square]:
-    """Give the displacement since frame i, the time, and the displacement's covariance."""
-    step: Vector = window.state[-1, 0] - window.state[i, 0]
-    return step, window.times[-1] - window.times[i], window.difference(i) + PLACE_SD**2 * np.eye(2)
+def log_likelihoods(windows: Sequence[Window], slips: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, "c k"]:
+    """Say how well standing and moving, slowly or fast, explain where objects were throughout their windows.
+
+    The displacement's likelihood is a normal's about 0; moving makes it wider by the speed's.  So is that of how far
+    the middle is off the line: what turns back may be where it was without ever having stood.  Source: Bayes' theorem
+    over the mixture; each window is judged anew, since those of neighbouring frames share their evidence.
+
+    Args:
+        windows: of K objects.
+        slips: probability that what is seen of each is off by SLIP_SD.
+
+    Returns:
+        for each of `speeds.SHARES`.
+    """
+    steps, seconds, covariances = _since(windows, [0] * len(windows))
+    halves, shorts, half_covariances = _since(windows, [(len(window) - 1) // 2 for window in windows])
+    sure, off = np.log(1.0 - slips), np.log(slips)
+    wide, one = covariances + SLIP_SD**2 * np.eye(2), np.eye(2)
+    classes = []
+    for sd in (0.0, *(sd for _, sd in speeds.MOVING)):
+        beside = ((sd * seconds) ** 2)[:, None, None] * one
+        surely = sure + speeds.log_densities(steps, covariances + beside)
+        classes.append(np.logaddexp(surely, off + speeds.log_densities(steps, wide + beside)))
+    bends, (share, acceleration) = halves - (shorts / seconds)[:, None] * steps, CHANGING
+    wide = half_covariances + ((0.5 * acceleration * shorts * (seconds - shorts)) ** 2)[:, None, None] * one
+    steady = speeds.log_densities(bends, half_covariances)
+    changing = np.logaddexp(np.log(1.0 - share) + steady, np.log(share) + speeds.log_densities(bends, wide))
+    return np.array([classes[0] + steady, *(own + changing for own in classes[1:])])
+
+
+def _since(
+    windows: Sequence[Window], numbers: Sequence[int]
+) -> tuple[Float64[np.ndarray, "k 2"], Float64[np.ndarray, " k"], Float64[np.ndarray, "k 2 2"]]:
+    """Give each displacement since a frame, the time, and the displacement's covariance."""
+    steps = np.array([window.state[-1, 0] - window.state[i, 0] for window, i in zip(windows, numbers, strict=True)])
+    seconds = np.array([window.times[-1] - window.times[i] for window, i in zip(windows, numbers, strict=True)])
+    known = np.array([window.difference(i) for window, i in zip(windows, numbers, strict=True)])
+    return steps, seconds, known + PLACE_SD**2 * np.eye(2)
 
 
 def mixed(steps: Steps, standing: float) -> Steps:
@@ -52,11 +79,4 @@ def mixed(steps: Steps, standing: float) -> Steps:
     moving, v = 1.0 - standing, steps.velocities
     spread = moving * steps.covariances + standing * STANDING_SD**2 * np.eye(2)
     spread = spread + standing * moving * v[:, :, None] * v[:, None, :]
-    return replace(steps, velocities=moving * v, covariances=spread)
-
-
-def _log_density(x: Vector, covariance: Square) -> float:
-    (a, b), (_, c) = covariance.tolist()
-    u, v = x.tolist()
-    determinant = a * c - b * b
-    return -0.5 * ((c * u * u - 2.0 * b * u * v + a * v * v) / determinant + math.log(determinant))
+    return replace(steps, velocities=moving * v, covariances=spread, doubts=moving * steps.doubts)

@@ -1,0 +1,99 @@
+"""Velocities weighed with how fast objects may be, a mixture of normals; compiled by numba, behind `speeds`."""
+
+import typing
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def mix(velocities, covariances, is_known, expected, doubts, variances, weights, flows, flow_variance, slips):
+    """Give mean and covariance of each object's velocity, when what is known before it is measured is a mixture.
+
+    Its first parts are normal about `expected`, the others about what the other objects have at the same time.  The
+    error of what was measured is a mixture of two normals, one of them wide.
+
+    Source: Bayes' theorem over all pairs of a part and an error; each pair's mean and covariance are a Kalman update's.
+
+    Args:
+        velocities: measured, of K objects at N times (K, N, 2) [m/s].
+        covariances: of these (K, N, 2, 2).
+        is_known: whether there are any (K, N).
+        expected: what the first C parts are about (K, N, 2) [m/s].
+        doubts: covariance of that (K, N, 2, 2).
+        variances: what each of these parts has beside it, along each axis (C) [m^2/s^2].
+        weights: probabilities of these parts (C, K).
+        flows: for each object, of those about the others (K, K).
+        flow_variance: what these have beside the covariance of the other's velocity, along each axis [m^2/s^2].
+        slips: probability that the measured is off, and the variance that it then has beside its own (K, 2).
+
+    Returns:
+        means (K, N, 2) and covariances (K, N, 2, 2), as they were where nothing is known; logarithm of how much
+        likelier the velocity at the first of the times is by all parts than by the first ones (K).
+    """
+    K, N, C = velocities.shape[0], velocities.shape[1], len(variances)
+    means, found, gains = velocities.copy(), covariances.copy(), np.zeros(K)
+    logs, parts = np.empty(2 * (C + K)), np.empty((2 * (C + K), 5))
+    for k in range(K):
+        for n in range(N):
+            if not is_known[k, n]:
+                continue
+            m = 0
+            for c in range(C):
+                beside = doubts[k, n] + variances[c] * np.eye(2)
+                off = velocities[k, n] - expected[k, n]
+                m = _add(logs, parts, m, off, covariances[k, n], beside, weights[c, k], slips[k])
+            first = m
+            for j in range(K):
+                if flows[k, j] > 0.0 and is_known[j, n]:
+                    beside = covariances[j, n] + (flow_variance + slips[j, 0] * slips[j, 1]) * np.eye(2)
+                    off = velocities[k, n] - velocities[j, n]
+                    m = _add(logs, parts, m, off, covariances[k, n], beside, flows[k, j], slips[k])
+            if n == 0:
+                highest = logs[:first].max()
+                gains[k] = np.log(np.exp(logs[:m] - highest).sum() / np.exp(logs[:first] - highest).sum())
+            _sum_up(logs[:m], parts[:m], means[k, n], found[k, n])
+    return means, found, gains
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _add(logs, parts, m, off, covariance, beside, weight, slip):
+    """Add the two parts, by either error, of a velocity that is `off` the middle of a normal; say how many there are.
+
+    A part is a logarithm of its likelihood, and by how much its mean differs from what was measured (2), and its
+    covariance (xx, xy, yy).
+    """
+    for is_off in range(2):
+        share = weight * (slip[0] if is_off == 1 else 1.0 - slip[0])
+        if share <= 0.0:
+            continue
+        wide = is_off * slip[1]
+        a, b, c = covariance[0, 0] + wide, covariance[0, 1], covariance[1, 1] + wide
+        u, v, w = a + beside[0, 0], b + beside[0, 1], c + beside[1, 1]
+        determinant = u * w - v * v
+        x, y = (w * off[0] - v * off[1]) / determinant, (u * off[1] - v * off[0]) / determinant
+        logs[m] = np.log(share) - 0.5 * (np.log(determinant) + off[0] * x + off[1] * y)
+        parts[m, 0], parts[m, 1] = -a * x - b * y, -b * x - c * y
+        # own - own (own + beside)^-1 own
+        parts[m, 2] = a - (a * a * w - 2.0 * a * b * v + b * b * u) / determinant
+        parts[m, 3] = b - (a * b * w - (a * c + b * b) * v + b * c * u) / determinant
+        parts[m, 4] = c - (b * b * w - 2.0 * b * c * v + c * c * u) / determinant
+        m += 1
+    return m
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _sum_up(logs, parts, mean, covariance):
+    """Put mean and covariance of all parts in place; `mean` is what was measured."""
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    x, y = (weights * parts[:, 0]).sum(), (weights * parts[:, 1]).sum()
+    dx, dy = parts[:, 0] - x, parts[:, 1] - y
+    mean[0] += x
+    mean[1] += y
+    covariance[0, 0] = (weights * (parts[:, 2] + dx * dx)).sum()
+    covariance[0, 1] = covariance[1, 0] = (weights * (parts[:, 3] + dx * dy)).sum()
+    covariance[1, 1] = (weights * (parts[:, 4] + dy * dy)).sum()

@@ -1,0 +1,131 @@
+"""How fast objects are before one is measured: as most are, as those are that are in sight, and as one of these is."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from tracker.estimators.fused import speed_kernels
+from tracker.estimators.fused.track import Steps
+
+# How fast objects are: share of all, and standard deviation of each of vx, vy [m/s].  Slow ones have a share of their
+# own, so that one that rolls is not taken for one that stands, and fast ones too.
+STANDING = 0.5
+MOVING = ((0.1, 0.5), (0.1, 2.0), (0.15, 8.0), (0.15, 20.0))
+SHARES = np.array([STANDING, *(share for share, _ in MOVING)])
+LEARNED_FROM = 4.0  # objects that these shares count for, beside those in sight
+# Share of the objects that move as another one does that is in sight, as in a lane, if all others move; standard
+# deviation of the difference along each axis [m/s].
+FLOW_SHARE, FLOW_SD = 0.3, 2.0
+
+Vectors = Float64[np.ndarray, "*k 2"]
+Squares = Float64[np.ndarray, "*k 2 2"]
+Shares = Float64[np.ndarray, "c k"]
+Probabilities = Float64[np.ndarray, " k"]
+Expected = tuple[Float64[np.ndarray, "k n 2"], Float64[np.ndarray, "k n 2 2"]]
+
+
+class Velocities(NamedTuple):
+    """Measured velocities of K objects at N times, the latest first.
+
+    Attributes:
+        means: [m/s].
+        covariances: of these.
+        is_known: whether there are any.
+        slips: of each object, probability that its velocities are off, and the variance that they then have beside
+            their own [m^2/s^2].
+    """
+
+    means: Float64[np.ndarray, "k n 2"]
+    covariances: Float64[np.ndarray, "k n 2 2"]
+    is_known: Bool[np.ndarray, "k n"]
+    slips: Float64[np.ndarray, "k 2"]
+
+    def expected_covariances(self) -> Float64[np.ndarray, "k n 2 2"]:
+        """Give the covariances of both errors together."""
+        return self.covariances + (self.slips[:, 0] * self.slips[:, 1])[:, None, None, None] * np.eye(2)
+
+
+    def given_to(self, tracks: Sequence[Steps]) -> list[Steps]:
+        """Give each object's steps these velocities, where they have a place among them."""
+        given = []
+        for k, steps in enumerate(tracks):
+            own, back = _slots(steps, self.is_known.shape[1])
+            steps = replace(steps, velocities=steps.velocities.copy(), covariances=steps.covariances.copy())
+            steps.velocities[own], steps.covariances[own] = self.means[k, back], self.covariances[k, back]
+            given.append(steps)
+        return given
+
+
+def together(tracks: Sequence[Steps]) -> tuple[Velocities, Float64[np.ndarray, "k n 2"]]:
+    """Put the velocities of all objects side by side, and where these were [m]; no steps over several frames."""
+    n = max(len(steps.frames) for steps in tracks)
+    means, places = np.zeros((2, len(tracks), n, 2))
+    covariances, is_known = np.tile(np.eye(2), (len(tracks), n, 1, 1)), np.zeros((len(tracks), n), dtype=np.bool_)
+    for k, steps in enumerate(tracks):
+        own, back = _slots(steps, n)
+        means[k, back], places[k, back] = steps.velocities[own], steps.places[own]
+        covariances[k, back], is_known[k, back] = steps.covariances[own], True
+    return Velocities(means, covariances, is_known, np.array([steps.slip for steps in tracks])), places
+
+
+def _slots(steps: Steps, n: int) -> tuple[Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]:
+    """Say which of an object's steps are from one frame to the next, and how many frames ago they ended, below n."""
+    back = steps.numbers[-1] - steps.numbers
+    own = np.flatnonzero((back < n) & (steps.lengths == 1))
+    return own, back[own]
+
+
+def of_class(shares: Shares, logs: Shares) -> Shares:
+    """Give the probability of each class (C) for each object (K), from shares and log likelihoods."""
+    logs = np.log(shares) + logs
+    return np.exp(logs - np.logaddexp.reduce(logs, axis=0))
+
+
+def learned(logs: Shares) -> Shares:
+    """Give the shares of all classes for each object, as all the others in sight have them.
+
+    Source: the mean of a Dirichlet distribution, `LEARNED_FROM` objects strong, after one step of expectation
+    maximisation.
+
+    Args:
+        logs: log likelihoods of C classes for K objects that were measured.
+    """
+    counts = of_class(np.tile(SHARES[:, None], logs.shape[1]), logs)
+    others = counts.sum(axis=1, keepdims=True) - counts
+    return (LEARNED_FROM * SHARES[:, None] + others) / (LEARNED_FROM + logs.shape[1] - 1.0)
+
+
+def mixed(
+    measured: Velocities, expected: Expected, sds: Float64[np.ndarray, " c"], shares: Shares, moving: Probabilities
+) -> tuple[Vectors, Squares, Probabilities]:
+    """Weigh velocities with how fast objects may be.
+
+    Args:
+        measured: velocities.
+        expected: mean and covariance of those that what stands would have (k n 2), (k n 2 2) [m/s].
+        sds: how fast classes of objects are against that, along each axis [m/s].
+        shares: of these classes, for each object.
+        moving: probability that each object moves against what stands.
+
+    Returns:
+        means and covariances (k n 2), (k n 2 2), and by which factor each object's latest velocity is likelier since
+        it may move as another one does.
+    """
+    flows = np.tile(FLOW_SHARE / max(len(moving) - 1, 1) * moving, (len(moving), 1))
+    np.fill_diagonal(flows, 0.0)
+    weights = (1.0 - flows.sum(axis=1)) * shares
+    means, covariances, gains = speed_kernels.mix(
+        *measured[:3], *expected, sds**2, weights, flows, FLOW_SD**2, measured.slips
+    )
+    return means, covariances, np.exp(gains)
+
+
+def log_densities(off: Vectors, covariances: Float64[np.ndarray, "*l 2 2"]) -> Float64[np.ndarray, "*k"]:
+    """Give the logarithm of a normal's density, but for a constant."""
+    a, b, c = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
+    x, y = off[..., 0], off[..., 1]
+    determinant = a * c - b * b
+    return -0.5 * (np.log(determinant) + (c * x * x - 2.0 * b * x * y + a * y * y) / determinant)
