@@ -47,7 +47,6 @@ class Velocities(NamedTuple):
         """Give the covariances of both errors together."""
         return self.covariances + (self.slips[:, 0] * self.slips[:, 1])[:, None, None, None] * np.eye(2)
 
-
     def given_to(self, tracks: Sequence[Steps]) -> list[Steps]:
         """Give each object's steps these velocities, where they have a place among them."""
         given = []
