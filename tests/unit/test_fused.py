@@ -122,9 +122,9 @@ def test_persons_are_shown_to_the_network_for_persons():
 
 def seen_steps(places, velocities, sd, n=4):
     """Give the same velocity in each of n steps, half-way at the same place."""
-    frames, lengths = np.arange(1, n + 1), np.ones(n, dtype=np.int64)
+    frames, lengths, none = np.arange(1, n + 1), np.ones(n, dtype=np.int64), np.zeros((n, 2, 2))
     return [
-        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1)), np.zeros((n, 2, 2)))
+        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1)), none, none[:, 0])
         for *pair, C in zip(places, velocities, [s**2 * np.eye(2) for s in sd], strict=True)
     ]
 
@@ -135,7 +135,7 @@ def test_an_object_that_nobody_is_sure_of_moves_as_those_that_stand():
     velocities = standing.copy()
     velocities[3] += [1.5, -1.0]  # an error, of a cloud that nobody is sure of
     velocities[4] += [6.0, 0.0]  # a car that drives
-    settled = scene.settle(seen_steps(places, velocities, [0.05, 0.05, 0.05, 1.5, 0.05]))
+    settled, _ = scene.settle(seen_steps(places, velocities, [0.05, 0.05, 0.05, 1.5, 0.05]), scene.UNKNOWN)
     for k in range(4):
         np.testing.assert_allclose(settled[k].velocities, np.tile(standing[k], (4, 1)), atol=0.3 if k == 3 else 0.05)
     np.testing.assert_allclose(settled[4].velocities[-1], velocities[4], atol=0.02)
@@ -143,16 +143,16 @@ def test_an_object_that_nobody_is_sure_of_moves_as_those_that_stand():
 
 
 def test_an_object_alone_stays_nearly_as_it_is_and_two_that_differ_nearly_so():
-    (alone,) = scene.settle(seen_steps([[10.0, 0.0]], [[3.0, 1.0]], [0.2]))
+    (alone,), _ = scene.settle(seen_steps([[10.0, 0.0]], [[3.0, 1.0]], [0.2]), scene.UNKNOWN)
     np.testing.assert_allclose(alone.velocities[-1], [3.0, 1.0], atol=1e-3)
-    two = scene.settle(seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [-9.0, 2.0]], [0.1, 0.1]))
+    two, _ = scene.settle(seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [-9.0, 2.0]], [0.1, 0.1]), scene.UNKNOWN)
     np.testing.assert_allclose(two[0].velocities[-1], [3.0, 1.0], atol=0.1)
 
 
 def test_steps_over_a_frame_without_points_are_not_weighed():
     first, second = seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [3.1, 1.0]], [0.2, 0.2])
     gap = replace(first, numbers=np.array([0, 1, 3, 4]), lengths=np.array([1, 1, 2, 1]))
-    settled = scene.settle([gap, second])
+    settled, _ = scene.settle([gap, second], scene.UNKNOWN)
     np.testing.assert_array_equal(settled[0].velocities[2], first.velocities[2])
     assert settled[0].velocities[3, 0] > first.velocities[3, 0]
 

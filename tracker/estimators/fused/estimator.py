@@ -102,6 +102,7 @@ class FusedEstimator(FrameEstimator):
         self._shape, self._learned = Shape(), Learned()
         self._tracks: dict[int, Track] = {}
         self._axes = Heading(turns=False, n_frames=self.settings.motion.n_frames)
+        self._common = scene.UNKNOWN  # how all that stands moves, where there are no poses
 
     def forget(self, track_id: int) -> None:
         """Drop a track."""
@@ -147,7 +148,10 @@ class FusedEstimator(FrameEstimator):
         steps = {key: track.steps() for key, track in known.items()}
         if self.settings.knows_parked and steps:
             own = list(steps.values())
-            settled = parked.settle([track.place for track in known.values()], own) if in_world else scene.settle(own)
+            if in_world:
+                settled = parked.settle([track.place for track in known.values()], own)
+            else:
+                settled, self._common = scene.settle(own, self._common)
             steps = dict(zip(steps, settled, strict=True))
         return {key: s.doubted() for key, s in steps.items()}
 
@@ -157,7 +161,10 @@ class FusedEstimator(FrameEstimator):
         if not self._tracks:
             turns = self.settings.turns_axes and not in_world
             self._axes = Heading(turns=turns, n_frames=self.settings.motion.n_frames)
+            self._common = scene.UNKNOWN
         self._axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
+        if self._tracks:
+            self._common = self._common.later(self._axes.times[-1] - self._axes.times[-2])
 
     def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
         encoded = self._learned.encode(list(sightings.values()))

@@ -22,7 +22,7 @@ def settle(windows: Sequence[Window], tracks: Sequence[Steps]) -> list[Steps]:
         windows: of the objects.
         tracks: their steps; the latest step of each leads to the frame.
     """
-    logs = log_likelihoods(windows, np.array([steps.slip[0] for steps in tracks]))
+    logs = log_likelihoods(windows, np.array([steps.slips[-1, 0] for steps in tracks]))
     shares = speeds.learned(logs)
     standing = speeds.of_class(shares, logs)[0]
     measured, _ = speeds.together(tracks)

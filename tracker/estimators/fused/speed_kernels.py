@@ -26,7 +26,7 @@ def mix(velocities, covariances, is_known, expected, doubts, variances, weights,
         weights: probabilities of these parts (C, K).
         flows: for each object, of those about the others (K, K).
         flow_variance: what these have beside the covariance of the other's velocity, along each axis [m^2/s^2].
-        slips: probability that the measured is off, and the variance that it then has beside its own (K, 2).
+        slips: probability that the measured is off, and the variance that it then has beside its own (K, N, 2).
 
     Returns:
         means (K, N, 2) and covariances (K, N, 2, 2), as they were where nothing is known; logarithm of how much
@@ -43,13 +43,13 @@ def mix(velocities, covariances, is_known, expected, doubts, variances, weights,
             for c in range(C):
                 beside = doubts[k, n] + variances[c] * np.eye(2)
                 off = velocities[k, n] - expected[k, n]
-                m = _add(logs, parts, m, off, covariances[k, n], beside, weights[c, k], slips[k])
+                m = _add(logs, parts, m, off, covariances[k, n], beside, weights[c, k], slips[k, n])
             first = m
             for j in range(K):
                 if flows[k, j] > 0.0 and is_known[j, n]:
-                    beside = covariances[j, n] + (flow_variance + slips[j, 0] * slips[j, 1]) * np.eye(2)
+                    beside = covariances[j, n] + (flow_variance + slips[j, n, 0] * slips[j, n, 1]) * np.eye(2)
                     off = velocities[k, n] - velocities[j, n]
-                    m = _add(logs, parts, m, off, covariances[k, n], beside, flows[k, j], slips[k])
+                    m = _add(logs, parts, m, off, covariances[k, n], beside, flows[k, j], slips[k, n])
             if n == 0:
                 highest = logs[:first].max()
                 gains[k] = np.log(np.exp(logs[:m] - highest).sum() / np.exp(logs[:first] - highest).sum())

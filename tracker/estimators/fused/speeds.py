@@ -34,18 +34,17 @@ class Velocities(NamedTuple):
         means: [m/s].
         covariances: of these.
         is_known: whether there are any.
-        slips: of each object, probability that its velocities are off, and the variance that they then have beside
-            their own [m^2/s^2].
+        slips: probability that each is off, and the variance that it then has beside its own [m^2/s^2].
     """
 
     means: Float64[np.ndarray, "k n 2"]
     covariances: Float64[np.ndarray, "k n 2 2"]
     is_known: Bool[np.ndarray, "k n"]
-    slips: Float64[np.ndarray, "k 2"]
+    slips: Float64[np.ndarray, "k n 2"]
 
     def expected_covariances(self) -> Float64[np.ndarray, "k n 2 2"]:
         """Give the covariances of both errors together."""
-        return self.covariances + (self.slips[:, 0] * self.slips[:, 1])[:, None, None, None] * np.eye(2)
+        return self.covariances + self.slips.prod(axis=2)[:, :, None, None] * np.eye(2)
 
     def given_to(self, tracks: Sequence[Steps]) -> list[Steps]:
         """Give each object's steps these velocities, where they have a place among them."""
@@ -61,13 +60,13 @@ class Velocities(NamedTuple):
 def together(tracks: Sequence[Steps]) -> tuple[Velocities, Float64[np.ndarray, "k n 2"]]:
     """Put the velocities of all objects side by side, and where these were [m]; no steps over several frames."""
     n = max(len(steps.frames) for steps in tracks)
-    means, places = np.zeros((2, len(tracks), n, 2))
+    means, places, slips = np.zeros((3, len(tracks), n, 2))
     covariances, is_known = np.tile(np.eye(2), (len(tracks), n, 1, 1)), np.zeros((len(tracks), n), dtype=np.bool_)
     for k, steps in enumerate(tracks):
         own, back = _slots(steps, n)
         means[k, back], places[k, back] = steps.velocities[own], steps.places[own]
-        covariances[k, back], is_known[k, back] = steps.covariances[own], True
-    return Velocities(means, covariances, is_known, np.array([steps.slip for steps in tracks])), places
+        covariances[k, back], is_known[k, back], slips[k, back] = steps.covariances[own], True, steps.slips[own]
+    return Velocities(means, covariances, is_known, slips), places
 
 
 def _slots(steps: Steps, n: int) -> tuple[Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]:

@@ -14,9 +14,9 @@ from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
 
 MOST_CENTERS = 20  # looks that count for where an object's centre is
 LEAST_SD = 0.01  # of a velocity [m/s]
-# Few points may be laid on the wrong part of an object: n of them, in all steps together, in one case of (n + 1)^2, by
-# so much along each axis.  Of a thousand first steps in scenes of our own that were 12 % of those of one point, 8 % of
-# those of two to five, 4 % of six to eight, 1 % of up to 40.
+# Few points may be laid on the wrong part of an object: n of them, in steps that follow on each other, in one case of
+# (n + 1)^2, by so much along each axis.  Of a thousand first steps in scenes of our own that were 12 % of those of one
+# point, 8 % of those of two to five, 4 % of six to eight, 1 % of up to 40.
 SLIP_SD = 1.2  # [m]
 FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
@@ -33,8 +33,8 @@ class Steps:
         velocities: [m/s].
         covariances: of these, but for the doubts.
         doubts: covariances that they have beside that, since a look may be off as a whole.
-        slip: probability that the velocities are off since clouds of few points were laid on the wrong parts, and the
-            variance that they then have beside their own [m^2/s^2].
+        slips: probability that each velocity is off since clouds of few points were laid on the wrong parts, and the
+            variance that it then has beside its own [m^2/s^2].
     """
 
     frames: Int64[np.ndarray, " n"]
@@ -44,7 +44,7 @@ class Steps:
     velocities: Float64[np.ndarray, "n 2"]
     covariances: Float64[np.ndarray, "n 2 2"]
     doubts: Float64[np.ndarray, "n 2 2"]
-    slip: tuple[float, float] = (0.0, 0.0)
+    slips: Float64[np.ndarray, "n 2"]
 
     def doubted(self) -> "Steps":
         """Add the doubts to the covariances."""
@@ -147,8 +147,8 @@ class Track:
         moved, arms = moved + np.diff(arms, axis=0), arms[1:, ::-1] * [-1.0, 1.0]
         known = known + turns * arms[:, :, None] * arms[:, None, :]
         n_points = np.array([look.n_points for look in self.looks])
-        n_laid = float(np.minimum(n_points[1:], n_points[:-1]).sum())
-        least = LEAST_SD**2 + (FEW_SD / np.minimum(n_points[1:], n_points[:-1])) ** 2
+        fewest = np.minimum(n_points[1:], n_points[:-1])
+        least = LEAST_SD**2 + (FEW_SD / fewest) ** 2
         return Steps(
             frames=np.array([look.frame for look in self.looks[1:]]),
             numbers=numbers[1:],
@@ -157,7 +157,7 @@ class Track:
             velocities=moved / seconds,
             covariances=(known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
             doubts=np.array(self.place.doubts[1:]) / seconds[:, None] ** 2,
-            slip=((1.0 + n_laid) ** -2, (SLIP_SD / float(seconds.sum())) ** 2),
+            slips=_slips(np.diff(numbers), fewest, seconds[:, 0]),
         )
 
     def yaw_rate(self) -> float:
@@ -168,3 +168,15 @@ class Track:
     def step_covariance(self, lag: int) -> Square:
         """Give the covariance of where the object is now against where it was `lag` frames ago [m^2]."""
         return self.place.difference(-1 - lag)
+
+
+def _slips(
+    lengths: Int64[np.ndarray, " n"], n_points: Int64[np.ndarray, " n"], seconds: Float64[np.ndarray, " n"]
+) -> Float64[np.ndarray, "n 2"]:
+    """Say how likely clouds were laid on wrong parts in each step, and the variance of its velocity then [m^2/s^2].
+
+    Steps from one frame to the next, without a gap, stand for each other.
+    """
+    run = np.cumsum(np.concatenate([[0], (lengths[1:] > 1) | (lengths[:-1] > 1)]))
+    laid, took = np.bincount(run, n_points)[run], np.bincount(run, seconds)[run]
+    return np.column_stack([(1.0 + laid) ** -2.0, (SLIP_SD / took) ** 2])
