@@ -19,6 +19,7 @@ from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels, 
 MOST_ITERATIONS = 4
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
 TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
+LARGEST_TURN = 0.01  # of the axes in one iteration [rad]: what is round looks straight from axes that turn with it
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
 
 
@@ -137,6 +138,7 @@ def solve(windows, axes, density, tails):
         common = np.linalg.inv(A)
         # the last step leaves the axes where they are: places and axes must fit each other
         step = common @ a if iteration + 1 < MOST_ITERATIONS else np.zeros(2 * G)
+        step /= max(np.abs(step[:G]).max() / LARGEST_TURN, 1.0)
         angles, rates = angles + step[:G], rates + step[G:]
         change = 0.0
         for k in range(K):
