@@ -19,7 +19,9 @@ from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels, 
 MOST_ITERATIONS = 4
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
 TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
-LARGEST_TURN = 0.01  # of the axes in one iteration [rad]: what is round looks straight from axes that turn with it
+# Of the axes in one iteration [rad], and how many iterations more that may take: what is round looks straight from axes
+# that turn with it, and least squares would jump between the two.
+LARGEST_TURN, MOST_SHORT = 0.01, 12
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
 
 
@@ -119,7 +121,8 @@ def solve(windows, axes, density, tails):
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
     x_alone, levers = b.copy(), L.copy()
     common = np.zeros((2 * G, 2 * G))
-    for iteration in range(MOST_ITERATIONS):
+    iteration = n_short = 0
+    while iteration < MOST_ITERATIONS:
         A, a = axes_kernels.of_turns(axes, angles, rates)
         rotations = axes_kernels.to_steady(windows, angles, D)
         frame = comparison = 0
@@ -138,7 +141,11 @@ def solve(windows, axes, density, tails):
         common = np.linalg.inv(A)
         # the last step leaves the axes where they are: places and axes must fit each other
         step = common @ a if iteration + 1 < MOST_ITERATIONS else np.zeros(2 * G)
-        step /= max(np.abs(step[:G]).max() / LARGEST_TURN, 1.0)
+        largest = np.abs(step[:G]).max()
+        if largest > LARGEST_TURN:
+            step *= LARGEST_TURN / largest
+            n_short += 1
+        iteration += 1 if largest <= LARGEST_TURN or n_short > MOST_SHORT else 0
         angles, rates = angles + step[:G], rates + step[G:]
         change = 0.0
         for k in range(K):
