@@ -63,8 +63,10 @@ def test_what_is_not_known_stays_as_it_is():
     assert gains[0] == 1.0
 
 
-def test_a_velocity_far_off_everything_is_no_division_by_zero():
-    own = measured([[3000.0, 0.0], [0.0, 0.0]], [0.01, 0.01])
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("other", [0.0, 3000.0])
+def test_a_velocity_far_off_everything_is_no_division_by_zero(other):
+    own = measured([[3000.0, 0.0], [other, 0.0]], [0.01, 0.01])
     means, covariances, gains = speeds.mixed(own, nowhere(own), SDS, np.tile(speeds.SHARES[:, None], 2), np.ones(2))
     np.testing.assert_allclose(means[0, 0], [3000.0, 0.0], atol=1e-3)
     assert np.isfinite(covariances).all()

@@ -52,7 +52,8 @@ class FusedSettings:
         undoes_sweep: whether what objects move while the beams pass them is undone, where scans are raw sweeps.
         turns_axes: whether the sensor's axes are known to turn, where there are no poses.
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
-        knows_parked: whether what stands in the world is taken to stand, or to move as most objects do without a world.
+        knows_parked: whether velocities are weighed with how fast objects are before they are measured; and what stands
+            is taken to stand in the world, or to move as most objects do without a world.
     """
 
     motion: MotionModel = field(default_factory=lambda: MotionModel(density=0.5, rate_sd=15.0))

@@ -19,6 +19,7 @@ LEARNED_FROM = 4.0  # objects that these shares count for, beside those in sight
 # Share of the objects that move as another one does that is in sight, as in a lane, if all others move; standard
 # deviation of the difference along each axis [m/s].
 FLOW_SHARE, FLOW_SD = 0.3, 2.0
+MOST_GAIN = 50.0  # logarithm of how much likelier that can make a velocity: no overflow where all objects leap at once
 
 Vectors = Float64[np.ndarray, "*k 2"]
 Squares = Float64[np.ndarray, "*k 2 2"]
@@ -118,7 +119,7 @@ def mixed(
     means, covariances, gains = speed_kernels.mix(
         *measured[:3], *expected, sds**2, weights, flows, FLOW_SD**2, measured.slips
     )
-    return means, covariances, np.exp(gains)
+    return means, covariances, np.exp(np.minimum(gains, MOST_GAIN))
 
 
 def log_densities(off: Vectors, covariances: Float64[np.ndarray, "*l 2 2"]) -> Float64[np.ndarray, "*k"]:
