@@ -18,6 +18,7 @@ PRIOR = np.diag([30.0**-2, 30.0**-2, 0.4**-2])
 DRIFT = np.diag([4.0, 4.0, 0.01])
 LEAST_STANDING = 1.8  # objects that stand, for what they have in common to be kept
 WRONG = 0.05  # probability that what was kept is not the motion of what stands
+MOST_PAIRED = 30  # objects, the surest, whose pairs are tried
 N_REFINEMENTS = 4
 
 Places = Float64[np.ndarray, "*k 2 3"]  # how u + w x p at a place p depends on (ux, uy, w)
@@ -114,7 +115,8 @@ def _standing(
         the probabilities, and what is known of the motion beside these objects.
     """
     H, A, a = told
-    i, j = np.triu_indices(len(H), 1)
+    surest = np.argsort(np.trace(covariances, axis1=1, axis2=2), kind="stable")[:MOST_PAIRED]
+    i, j = (surest[numbers] for numbers in np.triu_indices(len(surest), 1))
     motions = [before.mean[None]]
     for known in (before, UNKNOWN):
         information, pulled = known.information + A[i] + A[j], known.information @ known.mean + a[i] + a[j]
