@@ -346,18 +346,20 @@ def _lean(scatter, normal, n):
 @typing.no_type_check
 def _scatter(points, rows, scatter):
     """Sum the products of coordinates about the mean of some rows, those of -1 left out; give their number."""
-    n, mean = 0, np.zeros(3)
+    n, x, y, z = 0, 0.0, 0.0, 0.0
     for row in rows:
         if row >= 0:
             n += 1
-            for a in range(3):
-                mean[a] += points[row, a]
-    scatter[:] = 0.0
+            x, y, z = x + points[row, 0], y + points[row, 1], z + points[row, 2]
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for row in rows:
         if row >= 0:
-            for a in range(3):
-                for b in range(3):
-                    scatter[a, b] += (points[row, a] - mean[a] / n) * (points[row, b] - mean[b] / n)
+            a, b, c = points[row, 0] - x / n, points[row, 1] - y / n, points[row, 2] - z / n
+            xx, xy, xz, yy, yz, zz = xx + a * a, xy + a * b, xz + a * c, yy + b * b, yz + b * c, zz + c * c
+    scatter[0, 0], scatter[1, 1], scatter[2, 2] = xx, yy, zz
+    scatter[0, 1] = scatter[1, 0] = xy
+    scatter[0, 2] = scatter[2, 0] = xz
+    scatter[1, 2] = scatter[2, 1] = yz
     return n
 
 

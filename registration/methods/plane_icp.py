@@ -27,7 +27,7 @@ PLANE_FLOOR = 0.01  # standard deviation of any shift [m]
 CENTROIDS_SHARE = 0.53  # factor of `uncertainty.of_centroids`' standard deviations for clouds that overlap; ...
 CENTROIDS_APART = 2.4  # ... share of the extent by which their centroids differ if nothing overlaps
 BELIEVED_LIFT = 0.1  # standard deviation of the change in z about that of the centroids [m]
-DENSE = 2000  # points; cells of larger clouds are smaller, so that a search looks at no more points
+DENSE = 500  # points; cells of larger clouds are smaller, so that a search looks at no more points
 _ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
 
 
