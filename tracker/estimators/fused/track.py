@@ -15,8 +15,8 @@ from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
 MOST_CENTERS = 20  # looks that count for where an object's centre is
 LEAST_SD = 0.01  # of a velocity [m/s]
 # Few points may be laid on the wrong part of an object: n of them, in steps that follow on each other, in one case of
-# (n + 1)^2, by so much along each axis.  Of 1117 first steps in scenes of our own, seeds 31, 32 and 41 to 44, shapes were
-# more than 1 m off in 20 % of those of one point, 4 % of those of two to five, 2 % up to eight, 1 % up to 40, none above.
+# (n + 1)^2, by so much along each axis.  Of 1117 first steps in scenes of our own (seeds 31, 32, 41 to 44) shapes were
+# more than 1 m off in 20 % of those of one point, 4 % of those of two to five, 2 % up to eight, 1 % up to 40.
 SLIP_SD = 1.2  # [m]
 FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
