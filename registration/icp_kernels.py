@@ -282,10 +282,14 @@ def _align_points(source, points, first, frame, limits, motion):
     return NOT_CONVERGED, n_pairs, rmse, max_iterations
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def _add_best_motion(within, memory, motion):
-    """Let the motion that brings the pairs closest together (`planar.align_pairs`) follow `motion`."""
+    """Let the motion that brings the pairs closest together (`planar.align_pairs`) follow `motion`.
+
+    Its sums keep their order: with `fastmath` the process that compiles and those that find it in numba's cache would
+    run two builds of this function, which differ in the last digit.
+    """
     n, x_sum, y_sum, p_sum, q_sum, cross, dot = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(memory.shape[1]):
         k = int(memory[NEAREST, i])
