@@ -25,8 +25,11 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Bytecode is kept, whatever the environment says: else each worker and each command compiles all modules anew.
+# Files stay in their order, not largest first: the long ones (e2e, golden) start early, and what is compiled for one
+# of them is in numba's cache when the others need it.
 test: lint
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 clean:
 	rm -rf $(VENV) demo-out out build *.egg-info

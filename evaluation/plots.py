@@ -88,7 +88,7 @@ def _error_against_range(comparison: Comparison, found: Sequence[dict[str, Any]]
 def _speed_over_time(parts: Sequence[Scored], comparison: Comparison, sequence: SequenceSummary) -> Figure:
     """Show the tracks with most steps, one panel each, sharing the scale of time."""
     ids, counts = np.unique(parts[0].track_id, return_counts=True)
-    shown = sorted(ids[np.argsort(-counts, kind="stable")][:MAX_TRACKS])
+    shown = sorted(ids[np.argsort(-counts, kind="stable")][:MAX_TRACKS].tolist())
     n_columns = min(3, len(shown))
     n_rows = -(-len(shown) // n_columns)
     size = (4.2 * n_columns + 0.5, 2.4 * n_rows + 1.0)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.signal import savgol_filter
 
 from registration import se3
 from registration.types import Transform
@@ -175,6 +174,8 @@ def _move_each(transforms: Sequence[Transform], points: Centers) -> Centers:
 
 def _smooth_runs(centers: Centers, frames: Int64[np.ndarray, " n"]) -> Centers:
     """Smooth each run of consecutive frames for itself; short runs take the longest odd window that fits."""
+    from scipy.signal import savgol_filter  # takes a second to load, and exact truth does without
+
     smoothed = centers.copy()
     gaps = np.flatnonzero(np.diff(frames) != 1) + 1
     for run in np.split(np.arange(len(frames)), gaps):

@@ -23,6 +23,14 @@ def kitti_root() -> Path:
 
 
 @pytest.fixture(scope="session")
+def real_labels(kitti_root: Path) -> dict:
+    """Give all real labels, by sequence: reading them takes seconds."""
+    from tracker.kitti.labels import read_labels  # here: what conftest imports at its top is not checked for shapes
+
+    return {path.stem: read_labels(path) for path in sorted((kitti_root / "training" / "label_02").glob("*.txt"))}
+
+
+@pytest.fixture(scope="session")
 def reference() -> Path:
     """Give the folder with stored answers of the published programs on real data."""
     folder = SHARED / "reference"

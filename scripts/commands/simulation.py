@@ -71,7 +71,6 @@ def realism(
     Example: regmot realism kitti/tracking --sequence 0000 --out realism
     """
     from evaluation import realism as report
-    from evaluation.realism_plots import draw
     from evaluation.report import table_cells
 
     from ..console import messages, print_table, progress_bars
@@ -86,4 +85,6 @@ def realism(
     path = report.write(rows, root, simulated, sequence, out)
     print_table([name for name, _, _ in report.TABLE], [table_cells(row, report.TABLE) for row in rows])
     messages.print(f"rows in {path}")
+    from evaluation.realism_plots import draw  # matplotlib takes half a second to load: errors are told without
+
     messages.print(f"picture: {draw(*sides, out)}")

@@ -128,7 +128,7 @@ def _simulate(out: Path, scene: str, frames: int, seed: int) -> Path:
 
 
 def _compare(root: Path, out: Path, settings: dict[str, Any]) -> None:
-    from evaluation import plots, report
+    from evaluation import report
     from evaluation.compare import CompareConfig
     from evaluation.compare import compare as run_comparison
 
@@ -144,5 +144,7 @@ def _compare(root: Path, out: Path, settings: dict[str, Any]) -> None:
     for table, body in ((report.TABLE, found["rows"]), (report.USE_TABLE, report.use_rows(found, is_brief=True))):
         print_table([name for name, _, _ in table], [report.table_cells(row, table) for row in body])
     messages.print(f"tables: {path}, {out / 'report.md'}, {out / 'estimates.csv'}")
+    from evaluation import plots  # matplotlib takes half a second to load: errors are told without
+
     for picture in plots.draw(comparison, out):
         messages.print(f"picture: {picture}")

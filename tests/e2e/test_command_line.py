@@ -3,28 +3,20 @@
 import csv
 import json
 import os
-import subprocess
-import sys
+import shutil
 
 import numpy as np
 import pytest
 
+from tests.command_line import regmot, regmot_process
 from tests.kitti_folder import write_raw
-
-COMMAND = [sys.executable, "-m", "regmot"]
-
-
-def regmot(*arguments, cwd, code=0):
-    found = subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, cwd=cwd)
-    assert found.returncode == code, found.stderr
-    return found
 
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
     """Eight sweeps of the street, simulated once."""
     folder = tmp_path_factory.mktemp("street")
-    regmot("simulate", "root", "--frames", 8, "--seed", 3, cwd=folder)
+    regmot_process("simulate", "root", "--frames", 8, "--seed", 3, cwd=folder)
     return folder / "root"
 
 
@@ -32,7 +24,7 @@ def street(tmp_path_factory):
 def compared(street, tmp_path_factory):
     """The comparison of the small street, made once; gives its folder and what was printed."""
     out = tmp_path_factory.mktemp("compared")
-    return out, regmot("compare", street, "--out", out / "tables", cwd=out)
+    return out, regmot_process("compare", street, "--out", out / "tables", cwd=out)
 
 
 def test_simulate_writes_a_kitti_folder(street):
@@ -104,7 +96,7 @@ def test_a_second_run_reuses_the_cut_segments_and_gives_the_same_figures(street,
     out, _ = compared
     parts = {path: path.stat().st_mtime_ns for path in (out / "tables").rglob("part-*.npz")}
     before = json.loads((out / "tables" / "results.json").read_text())
-    regmot("compare", street, "--out", out / "tables", cwd=out)
+    regmot_process("compare", street, "--out", out / "tables", cwd=out)
     after = json.loads((out / "tables" / "results.json").read_text())
     assert parts
     assert parts == {path: path.stat().st_mtime_ns for path in (out / "tables").rglob("part-*.npz")}
@@ -151,7 +143,7 @@ def test_register_writes_the_registration_table(street, tmp_path):
 
 
 def test_demo_ends_with_a_table_and_pictures(tmp_path):
-    printed = regmot("demo", "--frames", 4, "--out", "demo", cwd=tmp_path)
+    printed = regmot_process("demo", "--frames", 4, "--out", "demo", cwd=tmp_path)
     for name in ("centroid-kf", "adh-3d", "icp", "alignnet"):
         lines = [line for line in printed.stdout.splitlines() if line.startswith(f"│ {name} ")]
         assert len([line for line in lines if "window" in line or "rts" in line]) == 2 * 3
@@ -164,7 +156,7 @@ def test_demo_ends_with_a_table_and_pictures(tmp_path):
 
 def test_benchmark_shows_both_contestants(tmp_path):
     options = ["--methods", "centroid,icp,adh-3d", "--estimators", "none", "--no-growth"]
-    regmot("benchmark", *options, "--out", "timings.json", cwd=tmp_path)
+    regmot_process("benchmark", *options, "--out", "timings.json", cwd=tmp_path)
     timings = json.loads((tmp_path / "timings.json").read_text())["timings"]
     whats = [timing["what"] for timing in timings]
     assert whats == [f"{name}: a transform" for name in ("centroid", "icp", "adh-3d")]
@@ -173,7 +165,7 @@ def test_benchmark_shows_both_contestants(tmp_path):
 
 def test_benchmark_times_estimators_beside_open3d_on_the_data_given(street, tmp_path):
     options = ["--methods", "centroid", "--estimators", "adh-3d,centroid-kf", "--no-growth"]
-    printed = regmot("benchmark", street, *options, "--out", "timings.json", cwd=tmp_path)
+    printed = regmot_process("benchmark", street, *options, "--out", "timings.json", cwd=tmp_path)
     found = json.loads((tmp_path / "timings.json").read_text())
     rows = found["estimators"]["rows"]
     assert [row["what"] for row in rows] == ["adh-3d", "centroid-kf", "Open3D point-to-point ICP"]
@@ -222,8 +214,22 @@ def test_our_errors_are_one_line_and_exit_code_1(street, arguments, message, tmp
     *_, last = found.stderr.strip().splitlines()
     assert last.startswith("regmot: ")
     assert message in last
-    assert "Traceback" not in found.stderr
     assert not list(tmp_path.rglob("results.json")) + list(tmp_path.rglob("simulation.json"))  # nothing half-written
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "last"),
+    [
+        (["compare", "nowhere"], 1, "regmot: nowhere: no such folder"),
+        (["compare", "x", "--window", "wide"], 2, ""),
+        (["compare", "--help"], 0, ""),
+    ],
+)
+def test_a_process_ends_with_the_same_codes_and_without_a_traceback(arguments, code, last, tmp_path):
+    found = regmot_process(*arguments, cwd=tmp_path, code=code)
+    assert "Traceback" not in found.stderr
+    assert last in found.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_brackets_in_a_path_are_no_markup(street, tmp_path):
@@ -248,7 +254,7 @@ def test_wrong_usage_is_exit_code_2(arguments, tmp_path):
 
 def test_a_scan_cut_off_mid_point_ends_the_run_with_its_name(street, tmp_path):
     copy = tmp_path / "copy"
-    subprocess.run(["cp", "-r", str(street), str(copy)], check=True)
+    shutil.copytree(street, copy)
     scan = copy / "training" / "velodyne" / "0000" / "000005.bin"
     os.truncate(scan, scan.stat().st_size - 7)
     found = regmot("compare", copy, "--out", tmp_path / "out", cwd=tmp_path, code=1)
@@ -262,7 +268,7 @@ def test_a_scan_cut_off_mid_point_ends_the_run_with_its_name(street, tmp_path):
 
 def test_a_missing_scan_is_reported_and_skipped(street, tmp_path):
     copy = tmp_path / "copy"
-    subprocess.run(["cp", "-r", str(street), str(copy)], check=True)
+    shutil.copytree(street, copy)
     (copy / "training" / "velodyne" / "0000" / "000004.bin").unlink()
     options = ["--estimators", "centroid-kf", "--smoothing", "causal", "--out", tmp_path / "out"]
     found = regmot("compare", copy, *options, cwd=tmp_path)

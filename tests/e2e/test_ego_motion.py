@@ -8,7 +8,7 @@ import pytest
 
 from evaluation.compare import CompareConfig, compare
 from registration import se3
-from tests.e2e.test_command_line import regmot
+from tests.command_line import regmot
 from tests.ego_world import PERIOD, Drive, clockwise_times, street
 from tests.kitti_folder import Thing, calib_text, label_row, row_of, write
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from registration.pair_set import PairSet
-from tests.e2e.test_command_line import regmot
+from tests.command_line import regmot
 from tests.kitti_folder import write_tracking
 
 

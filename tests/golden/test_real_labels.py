@@ -6,7 +6,7 @@ import pytest
 
 from tracker.kitti import open_sequence, sequence_names
 from tracker.kitti.calib import read_tracking_calib
-from tracker.kitti.labels import class_names, read_labels
+from tracker.kitti.labels import class_names
 from tracker.kitti.splits import count_pairs
 from tracker.tracklets import cut
 
@@ -16,9 +16,8 @@ CLASSES = {"Car", "Cyclist", "Misc", "Pedestrian", "Person", "Person_sitting", "
 
 
 @pytest.fixture(scope="module")
-def labels_of(kitti_root):
-    folder = kitti_root / "training" / "label_02"
-    return {name: read_labels(folder / f"{name}.txt") for name in sequence_names(kitti_root)}
+def labels_of(kitti_root, real_labels):
+    return {name: real_labels[name] for name in sequence_names(kitti_root)}
 
 
 def test_all_twenty_one_label_files_are_read_but_for_dont_care(labels_of, kitti_root):

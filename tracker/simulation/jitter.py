@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.signal import lfilter
 
 from registration import se3
 from tracker.errors import InputError
@@ -67,6 +66,8 @@ def _series(
     jitter: BoxJitter, seed: tuple[int, ...], n_steps: int
 ) -> tuple[Float64[np.ndarray, "n 4"], Float64[np.ndarray, "3"]]:
     """Give the errors of a track's boxes, frame by frame, and that of its size."""
+    from scipy.signal import lfilter  # takes a second to load, and few simulations jitter
+
     rng = np.random.default_rng(seed)
     size_offset = jitter.size * rng.normal(size=3)
     rho = jitter.correlation

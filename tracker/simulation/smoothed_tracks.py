@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
 
 from registration import se3
 from registration.synthetic.lidar import twist_between
@@ -124,6 +123,8 @@ def smoothed(values: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, "n k"]:
 
     Fewer frames take the longest odd window that fits, 3 or 4 of them a straight line, and 2 stay as they are.
     """
+    from scipy.signal import savgol_filter  # takes a second to load, and few simulations smooth labels
+
     window = min(WINDOW, len(values) - 1 + len(values) % 2)
     return savgol_filter(values, window, min(ORDER, window - 2), axis=0) if window >= 3 else values.copy()
 
