@@ -46,6 +46,7 @@ def variants() -> dict[str, FusedSettings]:
         "heavy tails": replace(whole, motion=motion, turn=turn),
         "doubt where looks differ": replace(whole, shape_changed=0.0, learned_changed=0.0),
         "doubt of few points": replace(whole, single_point=0.0),
+        "doubt of long ways": replace(whole, shape_moved=0.0),
         "looks that are off": replace(whole, weighs_looks=False),
         "motion during a sweep": replace(whole, undoes_sweep=False),
         "steady axes": replace(whole, turns_axes=False),

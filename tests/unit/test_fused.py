@@ -9,7 +9,7 @@ from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
-from tracker.estimators.fused import FusedEstimator, parked, scene
+from tracker.estimators.fused import FusedEstimator, FusedSettings, parked, scene
 from tracker.estimators.fused.look import Look
 from tracker.estimators.fused.sources import Evidence, Expected, Laid, Learned, Shape
 from tracker.estimators.fused.track import Steps
@@ -100,6 +100,20 @@ def test_a_close_car_that_is_bent_by_the_sweep_has_its_true_velocity():
             errors.append(abs(answer.velocity[0] + 8.0))
         found[is_swept] = np.mean(errors[4:])
     assert found[True] < 0.5 * found[False]
+
+
+def test_shapes_are_believed_less_the_farther_an_object_moved():
+    """Standing beside the sensor, a car is known as well with that doubt as without; driving, it is not."""
+    found = {}
+    for speed in (0.0, 15.0):
+        for share in (0.0, 0.002):
+            estimator = FusedEstimator(settings=FusedSettings(shape_moved=share))
+            for k in range(8):
+                one = segment(car_cloud(800, seed=k) + [10.0 - 0.1 * speed * k, 4.0, 0.0], k)
+                answer = estimator.step({one.track_id: one}, one.timestamp, None)[one.track_id]
+            found[speed, share] = np.trace(answer.covariance)
+    np.testing.assert_allclose(found[0.0, 0.002], found[0.0, 0.0], rtol=0.05)
+    assert found[15.0, 0.002] > 1.3 * found[15.0, 0.0]
 
 
 def encoded(cloud, class_name="Car"):

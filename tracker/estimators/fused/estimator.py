@@ -45,6 +45,8 @@ class FusedSettings:
             explains [m].
         single_point: standard deviation of where an object is by a single point of it; by n points, an n-th of that:
             which of its points are seen is chance [m].  These three are of a single comparison; see `_doubt`.
+        shape_moved: standard deviation of a comparison by shape, of the way between the looks relative to the sensor:
+            other lasers meet the object, at other moments, and see other sides of it.
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
@@ -63,6 +65,7 @@ class FusedSettings:
     shape_changed: float = 0.7
     learned_changed: float = 0.5
     single_point: float = 0.25
+    shape_moved: float = 0.002
     search_floor: float = 0.1
     search_doubt: float = 8.0
     pose_turn_sd: float = 0.001
@@ -203,7 +206,8 @@ class FusedEstimator(FrameEstimator):
         found = self._shape.compare(laid, [new[key] for key in known])
         for (key, lag), evidence in zip(jobs, found, strict=True):
             by_change = self.settings.shape_changed if evidence.was_searched else 0.0
-            doubt = self._doubt(by_change, known[key], lag, new[key])
+            way = known[key].way(lag, new[key])
+            doubt = math.hypot(self._doubt(by_change, known[key], lag, new[key]), self.settings.shape_moved * way)
             known[key].hear(lag, evidence.doubted(doubt), self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}

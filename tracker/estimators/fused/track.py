@@ -1,5 +1,6 @@
 """One object: its window of places, that of its heading, and the looks that belong to their frames."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -121,6 +122,11 @@ class Track:
         """Say how much of what is seen of an object came or went beside what its range explains: 0 to 1, squared."""
         before, now = self.looks[-lag].n_from_1m, new.n_from_1m
         return (1.0 - min(before, now) / max(before, now)) ** 2
+
+    def way(self, lag: int, new: Look) -> float:
+        """Give how far it has moved since an earlier look, relative to the sensor [m]."""
+        x, y = self.place.at(-1) - self.place.at(-1 - lag) - (new.sensor - self.looks[-lag].sensor)
+        return math.hypot(x, y)
 
     def refer_to_center(self) -> None:
         """Let the network's opinion of the latest look count for where the centre is."""
