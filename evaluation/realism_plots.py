@@ -28,7 +28,8 @@ def draw(real: Side, simulated: Side, out: Path) -> Path:
         axis.set(title=name, xlabel="range [m]", xlim=(0.0, None))
         if name in LOGARITHMIC:
             axis.set_yscale("log")
-    panels[0].legend()
+    if panels[0].get_legend_handles_labels()[0]:  # else there is nothing in range
+        panels[0].legend()
     for axis, method in zip(panels[len(OVER_RANGE) :], METHODS, strict=True):
         for label, side in (("real", real), ("simulated", simulated)):
             errors = np.sort(list(side.errors[method].values()))
