@@ -28,7 +28,8 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
     for k, window in enumerate(windows):
         n = len(window)
         window.state = state[frame : frame + n]
-        window.covariance = covariances[k, : n * width, : n * width]
+        # contiguous, or numba would compile all that takes it once more
+        window.covariance = np.ascontiguousarray(covariances[k, : n * width, : n * width])
         window.told = Told(chosen.rivals[k], chosen.contrary[k], chosen.contrary_shares[k], chosen.unsettled[k])
         if chosen.is_other[k]:
             window.take_other()
