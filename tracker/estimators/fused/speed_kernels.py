@@ -39,7 +39,7 @@ def mix(velocities, covariances, is_known, expected, doubts, variances, weights,
         for n in range(N):
             if not is_known[k, n]:
                 continue
-            m = 0
+            m = np.int64(0)  # not a literal; see window_kernels
             for c in range(C):
                 beside = doubts[k, n] + variances[c] * np.eye(2)
                 off = velocities[k, n] - expected[k, n]

@@ -61,7 +61,7 @@ def choose(x, windows, rotations, tails):
     """
     K, D = len(windows.sizes), rotations.shape[1]
     chosen = nothing(K, D)
-    frame = first = 0
+    frame = first = np.int64(0)  # not a literal; see window_kernels
     for k in range(K):
         last = windows.sizes[k] - 1
         at, f = 2 * D * last, frame + last

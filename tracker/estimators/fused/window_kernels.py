@@ -125,7 +125,7 @@ def solve(windows, axes, density, tails):
     while iteration < MOST_ITERATIONS:
         A, a = axes_kernels.of_turns(axes, angles, rates)
         rotations = axes_kernels.to_steady(windows, angles, D)
-        frame = comparison = 0
+        frame = comparison = np.int64(0)  # not a literal 0, for which numba would compile all that takes it once more
         for k in range(K):
             m = 2 * D * windows.sizes[k]
             H[k], b[k], L[k] = 0.0, 0.0, 0.0
