@@ -16,6 +16,7 @@ from tracker.types import WORLD, SegmentedFrame, Vector2
 TRUTHS = ("labels", "smoothed", "exact")
 
 WINDOW, ORDER = 9, 2  # of the Savitzky-Golay filter [frames]
+LEAST_SHARE = 0.5  # of the time between two frames that lies between the looks at an object, for it to have a velocity
 
 # A parked object's label centres stay together and go nowhere.  Labels jitter by 0.03-0.05 m and poses drift
 # by 0.1 m/s at most over a track's life, so a steady 0.3 m/s that stands out of the jitter is motion.
@@ -52,7 +53,9 @@ def true_velocities(
 ) -> dict[tuple[int, int], TrueVelocity]:
     """Give the true velocity of every step between consecutive frames, by (track id, frame k).
 
-    Velocity at k is the displacement of the box centre from k - 1 to k over the real time between them.
+    Velocity at k is the displacement of the box centre from k - 1 to k over the real time between them.  Where next to
+    none lies between two looks, there is no velocity: what crosses the direction in which sweeps end, against their
+    turn, is seen at the end of one and again at the start of the next.
     `labels` takes the boxes as they are.  `smoothed` passes their world centres through a Savitzky-Golay filter
     (9 frames, order 2) and holds parked objects exactly still in the world; without poses it smooths the centres
     relative to the sensor, and nothing counts as parked.  `exact` takes the simulator's centres.
@@ -90,6 +93,7 @@ class _TrackBoxes:
     class_names: tuple[str, ...]
     frames: Int64[np.ndarray, " n"]
     times: Float64[np.ndarray, " n"]
+    frame_times: Float64[np.ndarray, " n"]
     centers_lidar: Centers
     poses: tuple[Transform | None, ...]
 
@@ -105,6 +109,7 @@ def _tracks(frames: Sequence[SegmentedFrame]) -> list[_TrackBoxes]:
             class_names=tuple(f.boxes[track_id].class_name for f in life),
             frames=np.array([f.index for f in life]),
             times=np.array([f.time_of(track_id) for f in life]),
+            frame_times=np.array([f.timestamp for f in life]),
             centers_lidar=np.array([f.boxes[track_id].center_lidar for f in life]),
             poses=tuple(f.T_world_lidar for f in life),
         )
@@ -113,9 +118,10 @@ def _tracks(frames: Sequence[SegmentedFrame]) -> list[_TrackBoxes]:
 
 
 def _steps(track: _TrackBoxes, centers: Centers, parked: bool) -> dict[tuple[int, int], TrueVelocity]:
-    """Difference the centres wherever two frames follow each other."""
+    """Difference the centres wherever two frames follow each other, and so do the looks."""
     found = {}
-    for i in np.flatnonzero(np.diff(track.frames) == 1) + 1:
+    has_time = np.diff(track.times) > LEAST_SHARE * np.diff(track.frame_times)
+    for i in np.flatnonzero((np.diff(track.frames) == 1) & has_time) + 1:
         velocity = (centers[i] - centers[i - 1])[:2] / (track.times[i] - track.times[i - 1])
         range_m = float(np.hypot(*track.centers_lidar[i, :2]))
         found[track.track_id, int(track.frames[i])] = TrueVelocity(velocity, range_m, parked, track.class_names[i])

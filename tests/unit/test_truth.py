@@ -117,6 +117,15 @@ def test_bins_go_by_the_horizontal_range_of_the_box_at_the_steps_end():
     assert truth[3, 2].range_m == pytest.approx(np.hypot(*frames[2].boxes[3].center_lidar[:2]))
 
 
+def test_two_looks_at_nearly_the_same_time_have_no_velocity():
+    """Right behind the sensor, with every object's points at the instant of its look."""
+    frames = frames_of(straight(5))
+    for k, frame in enumerate(frames):
+        frame.seen_at[3] = k * DT + (0.049 if k < 3 else -0.049)
+    truth = true_velocities(frames, "world", "labels")
+    assert sorted(truth) == [(3, 1), (3, 2), (3, 4)]
+
+
 def test_exact_truth_takes_the_simulators_centres_not_the_labels():
     centers = straight(4)
     frames = frames_of(centers + [0.3, 0.0, 0.0])  # labels that are off
