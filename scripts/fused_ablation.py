@@ -5,6 +5,7 @@ python -m regmot.fused_ablation ROOT OUT [world|sensor] [SEQUENCE ...]
 Truth is the simulator's where the sequences have it, else smoothed labels; cars and vans, causal.
 """
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -47,6 +48,7 @@ def variants() -> dict[str, FusedSettings]:
         "doubt where looks differ": replace(whole, shape_changed=0.0, learned_changed=0.0),
         "doubt of few points": replace(whole, single_point=0.0),
         "doubt of long ways": replace(whole, shape_moved=0.0),
+        "how well all agree": replace(whole, motion=replace(whole.motion, claimed=math.inf)),
         "looks that are off": replace(whole, weighs_looks=False),
         "motion during a sweep": replace(whole, undoes_sweep=False),
         "steady axes": replace(whole, turns_axes=False),

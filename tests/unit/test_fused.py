@@ -9,19 +9,22 @@ from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
-from tracker.estimators.fused import FusedEstimator, FusedSettings, parked, scene
+from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene
 from tracker.estimators.fused.look import Look
-from tracker.estimators.fused.sources import Evidence, Expected, Laid, Learned, Shape
+from tracker.estimators.fused.sources import Expected, Laid, Learned, Shape
 from tracker.estimators.fused.track import Steps
 from tracker.types import EstimateStatus
 
 
-def test_doubt_adds_to_the_covariance_where_there_is_one():
-    covariance, sd = np.array([[0.04, 0.01], [0.01, 0.02]]), 0.3
-    known = Evidence(np.zeros(2), np.linalg.inv(covariance), 0.0, 1.0)
-    np.testing.assert_allclose(np.linalg.inv(known.doubted(sd).information), covariance + sd**2 * np.eye(2))
-    half_known = Evidence(np.zeros(2), np.diag([4.0, 0.0]), 0.0, 1.0)
-    np.testing.assert_allclose(half_known.doubted(0.5).information, np.diag([2.0, 0.0]))
+def test_claims_are_scaled_and_doubt_adds_to_them():
+    covariance, doubt, scale = np.array([[0.04, 0.01], [0.01, 0.02]]), 0.3**2, 0.5
+    found, share = claims.believed(np.linalg.inv(covariance), doubt, scale, 2)
+    np.testing.assert_allclose(np.linalg.inv(found), scale * covariance + doubt * np.eye(2))
+    own = scale * covariance
+    assert share == pytest.approx(0.5 * np.trace(own @ np.linalg.inv(own + doubt * np.eye(2))))
+    half_known, _ = claims.believed(np.diag([4.0, 0.0]), 0.25, 1.0, 2)
+    np.testing.assert_allclose(half_known, np.diag([2.0, 0.0]))
+    assert claims.believed(np.zeros((2, 2)), 0.25, 1.0, 2)[1] == 0.0
 
 
 def test_shapes_tell_how_far_and_how_much_an_object_has_moved():

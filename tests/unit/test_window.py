@@ -48,6 +48,34 @@ def test_a_window_finds_a_constant_velocity_and_is_surer_the_longer_it_looks():
     assert many < 0.5 * few
 
 
+def window_with_noise(sd, claimed, doubt=0.0):
+    """Nine frames at 3 m/s; each comparison claims 2 cm along each axis, and has an error of `sd`."""
+    rng = np.random.default_rng(5)
+    axes = Heading(turns=False, n_frames=9)
+    axes.advance(0.0)
+    window = Window.start(replace(MODEL, claimed=claimed), 0.0, axes, np.zeros(2))
+    for k in range(1, 9):
+        axes.advance(0.1 * k)
+        window.advance(0.1 * k, axes)
+        for lag in range(1, min(k, 4) + 1):
+            step = np.array([0.3 * lag, 0.0]) + rng.normal(0.0, sd, 2)
+            window.compare(lag, np.zeros(2), step, np.eye(2) / 0.02**2, doubt)
+        solve([window], axes)
+    return window
+
+
+def test_how_well_comparisons_agree_tells_how_large_their_errors_are():
+    as_claimed = np.trace(window_with_noise(0.005, np.inf).step()[1])
+    good, bad = (np.trace(window_with_noise(sd, 5.0).step()[1]) for sd in (0.005, 0.04))
+    assert good < 0.6 * as_claimed
+    assert bad > 2.0 * as_claimed
+
+
+def test_what_is_doubted_for_another_reason_tells_nothing_of_the_claims():
+    as_claimed, found = (np.trace(window_with_noise(0.0, claimed, doubt=0.3**2).step()[1]) for claimed in (np.inf, 5.0))
+    assert found == pytest.approx(as_claimed, rel=0.1)
+
+
 def test_one_comparison_that_is_off_is_not_followed():
     off = window_of([3.0, 0.0], 7, wrong={6: [0.0, 0.3]}, lags_wrong=(1,))
     assert abs(off.step()[0][1]) < 0.3  # the step itself says 3 m/s

@@ -59,7 +59,7 @@ class FusedSettings:
     """
 
     motion: MotionModel = field(default_factory=lambda: MotionModel(density=0.5, rate_sd=15.0))
-    turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02, rate_sd=0.3))
+    turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02, rate_sd=0.3, claimed=math.inf))
     shape_lags: tuple[int, ...] = (1, 4)
     learned_lags: tuple[int, ...] = (1, 3, 8)
     shape_changed: float = 0.7
@@ -189,7 +189,7 @@ class FusedEstimator(FrameEstimator):
                 track = known[key]
                 evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.at(-1 - lag))
                 doubt = self._doubt(self.settings.learned_changed, track, lag, new[key])
-                track.hear(lag, evidence.doubted(doubt), self._axes)
+                track.hear(lag, evidence, doubt, self._axes)
                 told[key] = track
         solve([track.place for track in told.values()], self._axes)
         return set(told)
@@ -208,7 +208,7 @@ class FusedEstimator(FrameEstimator):
             by_change = self.settings.shape_changed if evidence.was_searched else 0.0
             way = known[key].way(lag, new[key])
             doubt = math.hypot(self._doubt(by_change, known[key], lag, new[key]), self.settings.shape_moved * way)
-            known[key].hear(lag, evidence.doubted(doubt), self._axes)
+            known[key].hear(lag, evidence, doubt, self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}
 

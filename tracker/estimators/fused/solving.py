@@ -22,7 +22,11 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
     if not windows:
         return
     state, covariances, angles, rates, rate_variance, chosen = window_kernels.solve(
-        _packed(windows, axes), _open(axes or STILL), float(windows[0].model.density), np.array(windows[0].model.tails)
+        _packed(windows, axes),
+        _open(axes or STILL),
+        float(windows[0].model.density),
+        np.array(windows[0].model.tails),
+        float(windows[0].model.claimed),
     )
     frame, width = 0, 2 * state.shape[2]
     for k, window in enumerate(windows):
@@ -62,7 +66,8 @@ def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.W
         ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
         olders=np.ascontiguousarray(measured[:, :d]),
         newers=np.ascontiguousarray(measured[:, d : 2 * d]),
-        informations=np.ascontiguousarray(measured[:, 2 * d :]).reshape(-1, d, d),
+        informations=np.ascontiguousarray(measured[:, 2 * d : -1]).reshape(-1, d, d),
+        doubts=np.ascontiguousarray(measured[:, -1]),
     )
 
 

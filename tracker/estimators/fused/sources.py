@@ -48,14 +48,6 @@ class Evidence:
     turn_variance: float
     was_searched: bool = False
 
-    def doubted(self, sd: float) -> "Evidence":
-        """Add an error of the displacement in both directions [m]."""
-        (a, b), (_, c) = self.information.tolist()
-        v, determinant = sd**2, a * c - b * b  # (1 + v L)^-1 L = (L + v |L| 1) / |1 + v L|
-        own = np.array([[a + v * determinant, b], [b, c + v * determinant]])
-        information = own / (1.0 + v * (a + c) + v * v * determinant)
-        return Evidence(self.step, information, self.turn, self.turn_variance, self.was_searched)
-
 
 @dataclass(frozen=True, slots=True)
 class Expected:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from tracker.estimators.fused import heavy_tails
+from tracker.estimators.fused import claims, heavy_tails
 
 APART = 0.3  # of places that shapes would not find from each other [m]
 UNLIKELY = 9.0  # difference of negative logarithms from which a place is no more thought of
@@ -119,7 +119,8 @@ def _shown(x, k, numbers, windows, rotations, shown):
             older = windows.ends[c, 0]
             start = shown if older == last - 1 else x[2 * D * older : 2 * D * older + D]
             places.append(start - rotations[frame + older] @ windows.olders[c] + R @ windows.newers[c])
-            informations.append(R @ windows.informations[c] @ R.T)
+            information, _ = claims.believed(windows.informations[c], windows.doubts[c], 1.0, D)
+            informations.append(R @ information @ R.T)
     return places, informations
 
 

@@ -93,12 +93,15 @@ class Track:
         if has_left:
             self.looks.pop(0)
 
-    def hear(self, lag: int, evidence: Evidence, axes: Heading) -> None:
-        """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on."""
+    def hear(self, lag: int, evidence: Evidence, doubt: float, axes: Heading) -> None:
+        """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
+
+        Its displacement may be off by `doubt` beside what it claims (standard deviation along each axis [m]).
+        """
         start = self.place.at(-1 - lag)
         if len(self.place) - lag == 1 and not self.place.comparisons:
             self.place.place_last(start + evidence.step)
-        self.place.compare(lag, start, evidence.step, evidence.information)
+        self.place.compare(lag, start, evidence.step, evidence.information, doubt**2)
         if np.isfinite(evidence.turn_variance):
             information = np.array([[1.0 / evidence.turn_variance]])
             self.turn.compare(lag, np.zeros(1), np.array([evidence.turn]), information)

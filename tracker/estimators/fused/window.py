@@ -29,12 +29,15 @@ class MotionModel:
         rate_sd: standard deviation of a rate before anything is known, along each axis [m/s, rad/s].
         tails: degrees of freedom of Student's t for the errors of comparisons, and of the motion; 0 for normal ones.
         n_frames: length of the window.
+        claimed: how many comparisons count for errors being as large as claimed, beside those of the window, which
+            tell it by how well they agree; infinite: claims hold (see `claims`).
     """
 
     density: float
     rate_sd: float
     tails: tuple[float, float] = (3.0, 4.0)
     n_frames: int = 9
+    claimed: float = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,8 @@ class Comparison:
         older, newer: numbers of the frames since the first that the window ever had.
         measured: a point of the object in the older frame (d), which matters where axes turn; the same point in the
             newer frame (d); inverse covariance of the step between, row by row (d d), singular where a direction was
-            not measured.  In one row, since a frame's comparisons are many, and are stacked three times.
+            not measured; variance beside that, along each axis (1).  In one row, since a frame's comparisons are many,
+            and are stacked three times.
     """
 
     older: int
@@ -217,13 +221,14 @@ class Window:
         self.state[-1, 0] = place
         self.state[-2:, 1] = (place - self.state[-2, 0]) / (self.times[-1] - self.times[-2])
 
-    def compare(self, lag: int, start: Vector, step: Vector, information: Square) -> None:
+    def compare(self, lag: int, start: Vector, step: Vector, information: Square, doubt: float = 0.0) -> None:
         """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
 
-        One that says nothing is left out, and one with a look that is off; see `Comparison`.
+        One that says nothing is left out, and one with a look that is off; see `Comparison`.  Beside what it claims
+        it has the variance `doubt` along each axis.
         """
         if information.any() and not self.is_off[-1 - lag]:
-            measured = np.concatenate([start, start + step, information.ravel()])
+            measured = np.concatenate([start, start + step, information.ravel(), [doubt]])
             self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
 
     def n_told(self, lag: int) -> int:

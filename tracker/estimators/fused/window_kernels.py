@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels, start_kernels
+from tracker.estimators.fused import axes_kernels, claims, heavy_tails, motion_kernels, start_kernels
 
 MOST_ITERATIONS = 4
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
@@ -49,7 +49,8 @@ class Windows(NamedTuple):
         ends: older and newer frame of each comparison, within its object (M, 2).
         olders: the point whose motion was measured, in the axes of the older frame (M, D).
         newers: where it was in the newer frame, in the axes of that (M, D).
-        informations: inverse covariance of the difference, in the axes of the newer frame (M, D, D).
+        informations: inverse covariance of the difference that is claimed, in the axes of the newer frame (M, D, D).
+        doubts: variance along each axis beside that (M).
     """
 
     sizes: np.ndarray
@@ -73,6 +74,7 @@ class Windows(NamedTuple):
     olders: np.ndarray
     newers: np.ndarray
     informations: np.ndarray
+    doubts: np.ndarray
 
 
 class Axes(NamedTuple):
@@ -96,7 +98,7 @@ class Axes(NamedTuple):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def solve(windows, axes, density, tails):
+def solve(windows, axes, density, tails, claimed):
     """Find the most likely unknowns of all frames, and their covariance.
 
     Args:
@@ -104,6 +106,7 @@ def solve(windows, axes, density, tails):
         axes: see `Axes`; at least one, that nothing may refer to.
         density: spectral density of the objects' white acceleration [m^2/s^3, rad^2/s^3].
         tails: degrees of freedom of the errors of comparisons and of the motion; 0: normal.
+        claimed: how many comparisons the claims of an object's errors count for; see `claims.scale`.
 
     Returns:
         the unknowns in the axes of their frames (N, 2, D); each object's covariance over all its frames (K, 2 n D,
@@ -120,7 +123,7 @@ def solve(windows, axes, density, tails):
         chosen = start_kernels.nothing(K, D)
     H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
     x_alone, levers = b.copy(), L.copy()
-    common = np.zeros((2 * G, 2 * G))
+    common, scales = np.zeros((2 * G, 2 * G)), np.ones(K)
     iteration = n_short = 0
     while iteration < MOST_ITERATIONS:
         A, a = axes_kernels.of_turns(axes, angles, rates)
@@ -129,7 +132,10 @@ def solve(windows, axes, density, tails):
         for k in range(K):
             m = 2 * D * windows.sizes[k]
             H[k], b[k], L[k] = 0.0, 0.0, 0.0
-            _add_object(H[k], b[k], L[k], A, a, x[k], k, frame, comparison, windows, motions, rotations, tails, D)
+            misfit, n_told = _add_object(
+                H[k], b[k], L[k], A, a, x[k], k, frame, comparison, windows, motions, rotations, tails, scales[k], D
+            )
+            scales[k] = claims.scale(claimed, misfit, n_told)
             right = np.empty((m, G + 1))
             right[:, 0], right[:, 1:] = b[k, :m], L[k, :m]
             found = np.linalg.solve(H[k, :m, :m], right)
@@ -179,14 +185,20 @@ def _begin(windows, angles, density, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, rotations, tails, D):
-    """Add what is known of an object to its own system (H, b), to its levers L on the axes, and to theirs (A, a)."""
+def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, rotations, tails, scale, D):
+    """Add what is known of an object to its own system (H, b), to its levers L on the axes, and to theirs (A, a).
+
+    Variances are `scale` times those claimed.  Returns how far all is off, and how many comparisons tell of that.
+    """
     R = rotations[frame]
     _add_beginning(H, b, x, R @ windows.rates[k], R @ windows.rate_informations[k] @ R.T, D)
+    misfit = n_told = 0.0
     for i in range(windows.sizes[k] - 1):
-        _add_motion(H, x, i, motions[frame + i], tails[1], D)
+        misfit += _add_motion(H, x, i, motions[frame + i], tails[1], scale, D)
     for c in range(comparison, comparison + windows.counts[k]):
-        _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tails[0], D)
+        off, share = _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tails[0], scale, D)
+        misfit, n_told = misfit + share * off, n_told + share
+    return misfit, n_told
 
 
 @njit(cache=True, nogil=True)
@@ -203,20 +215,27 @@ def _add_beginning(H, b, x, rate_mean, rate_information, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_motion(H, x, i, motion, tail, D):
+def _add_motion(H, x, i, motion, tail, scale, D):
+    """Add a step of the motion, and give how far it is off: its weighed squared distance."""
     first, last = 2 * D * i, 2 * D * (i + 2)
     u = x[first:last]
-    weight = heavy_tails.weight(tail, 2 * D, u @ motion @ u)
-    H[first:last, first:last] += weight * motion
+    distance = u @ motion @ u
+    weight = heavy_tails.weight(tail, 2 * D, distance / scale)
+    H[first:last, first:last] += weight / scale * motion
+    return weight * distance
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, D):
-    """Add comparison c: x_newer - x_older = R_newer q_newer - R_older q_older, about the present angles."""
+def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, scale, D):
+    """Add comparison c: x_newer - x_older = R_newer q_newer - R_older q_older, about the present angles.
+
+    Returns how far it is off, as `_add_motion` does, and how much that tells of its claims.
+    """
     i, j = frame + windows.ends[c, 0], frame + windows.ends[c, 1]
     older, newer = 2 * D * windows.ends[c, 0], 2 * D * windows.ends[c, 1]
     Ri, Rj = rotations[i], rotations[j]
+    own, share = claims.believed(windows.informations[c], windows.doubts[c], scale, D)
     ends, step, off, information = np.zeros((2, D)), np.empty(D), np.empty(D), np.zeros((D, D))
     for d in range(D):
         for e in range(D):
@@ -224,17 +243,19 @@ def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, D):
             ends[1, d] += Ri[d, e] * windows.olders[c, e]
             for p in range(D):
                 for q in range(D):
-                    information[d, e] += Rj[d, p] * windows.informations[c, p, q] * Rj[e, q]
+                    information[d, e] += Rj[d, p] * own[p, q] * Rj[e, q]
         step[d] = ends[0, d] - ends[1, d]
         off[d] = x[newer + d] - x[older + d] - step[d]
     distance = 0.0
     for d in range(D):
         for e in range(D):
             distance += off[d] * information[d, e] * off[e]
-    information *= heavy_tails.weight(tail, D, distance)
+    weight = heavy_tails.weight(tail, D, distance)
+    information *= weight
     _add_step(H, b, older, newer, step, information, D)
     if D > 1 and max(windows.axes[i], windows.axes[j]) >= 0:
         axes_kernels.add_lever(L, A, a, (windows.axes[j], windows.axes[i]), (newer, older), ends, step, information)
+    return weight * distance * scale, share
 
 
 @njit(cache=True, nogil=True)

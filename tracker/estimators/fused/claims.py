@@ -1,0 +1,55 @@
+"""How large the errors of an object's comparisons are, against what they claim; compiled by numba.
+
+A window has far more comparisons than unknowns, so that how well they agree tells how large their errors are.
+
+Source: the variance of unit weight of least squares, here of Student's t (Lange, Little & Taylor, 1989; see
+`heavy_tails`), with the claims themselves as so many comparisons more.
+"""
+
+import typing
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def believed(own, doubt, scale, D):
+    """Give the information of a comparison: its covariance is `scale` times what it claims, and `doubt` beside that.
+
+    Args:
+        own: inverse covariance that it claims (D, D); singular where a direction was not measured.
+        doubt: variance along each axis that does not depend on how well comparisons agree.
+        scale: of the claims.
+        D: 1 or 2.
+
+    Returns:
+        information (D, D), and the share of its own errors in all of them, a mean over directions: how much it tells
+        of the scale; nothing where nothing was measured.
+    """
+    found = np.zeros((D, D))
+    if D == 1:
+        whole = 1.0 + doubt * own[0, 0] / scale
+        found[0, 0] = own[0, 0] / scale / whole
+        return found, 1.0 / whole if own[0, 0] > 0.0 else 0.0
+    a, b, c = own[0, 0] / scale, own[0, 1] / scale, own[1, 1] / scale
+    determinant, both = a * c - b * b, a + c
+    whole = 1.0 + doubt * both + doubt * doubt * determinant  # (1 + v L)^-1 L = (L + v |L| 1) / |1 + v L|
+    found[0, 0], found[1, 1] = (a + doubt * determinant) / whole, (c + doubt * determinant) / whole
+    found[0, 1] = found[1, 0] = b / whole
+    return found, (1.0 + 0.5 * doubt * both) / whole if both > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def scale(claimed, misfit, n_told):
+    """Give by how much variances are larger than claimed.
+
+    Comparisons of a look share errors, so each counts for one of its two numbers.
+
+    Args:
+        claimed: how many comparisons the claims count for; infinite: claims hold.
+        misfit: weighed squared distances of comparisons and motion from what is found.
+        n_told: comparisons that tell of it.
+    """
+    return (claimed + misfit) / (claimed + n_told) if np.isfinite(claimed) else 1.0
