@@ -66,7 +66,8 @@ def test_many_comparisons_with_a_look_of_few_points_are_hardly_worth_more_than_o
         estimator.step({7: segment(cloud[:3] if k == 0 else cloud, k)}, 0.1 * k, np.eye(4))
         for comparison in estimator._tracks[7].place.comparisons:
             if comparison.older == 0:
-                told[comparison.newer, comparison.measured.tobytes()] = comparison.measured[4:].reshape(2, 2)
+                row = comparison.measured
+                told[comparison.newer, row.tobytes()], _ = claims.believed(row[4:8].reshape(2, 2), row[8], 1.0, 2)
     information = [np.linalg.eigvalsh(told[key])[-1] for key in told]
     assert len(information) >= 4  # by histograms; the network does not know what three points are
     assert sum(information) < 3.0 * max(information)
