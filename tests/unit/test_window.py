@@ -72,7 +72,7 @@ def test_how_well_comparisons_agree_tells_how_large_their_errors_are():
 
 
 def test_what_is_doubted_for_another_reason_tells_nothing_of_the_claims():
-    as_claimed, found = (np.trace(window_with_noise(0.0, claimed, doubt=0.3**2).step()[1]) for claimed in (np.inf, 5.0))
+    as_claimed, found = (np.trace(window_with_noise(0.005, x, doubt=0.3**2).step()[1]) for x in (np.inf, 5.0))
     assert found == pytest.approx(as_claimed, rel=0.1)
 
 

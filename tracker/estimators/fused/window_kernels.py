@@ -153,12 +153,12 @@ def solve(windows, axes, density, tails, claimed):
             n_short += 1
         iteration += 1 if largest <= LARGEST_TURN or n_short > MOST_SHORT else 0
         angles, rates = angles + step[:G], rates + step[G:]
-        change = 0.0
+        change = 0.0  # the first iteration takes claims as they are
         for k in range(K):
             found = x_alone[k] + levers[k] @ step[:G]
             change = max(change, np.abs(found - x[k]).max())
             x[k] = found
-        if change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
+        if iteration > 1 and change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
             break
     state = axes_kernels.in_own_axes(x, H, levers, common[:G, :G].copy(), windows, angles, D)
     return state, H, angles, rates, common[2 * G - 1, 2 * G - 1], chosen
