@@ -17,7 +17,7 @@ from tracker.kitti import KittiSequence
 from tracker.tracklets import cut, segment_of
 from tracker.types import Box, SegmentedFrame
 
-FORMAT, FORMAT_VERSION = "regmot-segments", 3
+FORMAT, FORMAT_VERSION = "regmot-segments", 4
 FRAMES_PER_PART = 50
 UNCLAIMED = np.full((3, 3), np.nan)  # stands for a covariance that nobody claims
 
@@ -41,8 +41,8 @@ class SegmentStore:
 
     Attributes:
         folder: holds `manifest.json` and `part-NNNN.npz`.
-        manifest: format, version, sequence, clock, ego, flagged_poses, deskewed, is_swept, n_frames, missing_scans,
-            fingerprint.
+        manifest: format, version, sequence, clock, ego, flagged_poses, deskewed, is_swept, lasers, n_frames,
+            missing_scans, fingerprint.
     """
 
     folder: Path
@@ -59,7 +59,8 @@ class SegmentStore:
             DataError: a part is damaged.
         """
         for start in range(0, len(self), FRAMES_PER_PART):
-            yield from _read_part(_part_path(self.folder, start), bool(self.manifest["is_swept"]))
+            for frame in _read_part(_part_path(self.folder, start)):
+                yield _as_swept(frame, self.manifest["is_swept"], self.manifest["lasers"])
 
 
 def cut_sequence(sequence: KittiSequence, out: Path, progress: Progress | None = None) -> SegmentStore:
@@ -111,6 +112,7 @@ def _describe(sequence: KittiSequence, missing: list[int]) -> dict[str, Any]:
         "flagged_poses": list(sequence.flagged),
         "deskewed": sequence.sweep is not None,
         "is_swept": sequence.is_swept,
+        "lasers": sequence.lasers,
         "n_frames": len(sequence),
         "missing_scans": missing,
         "frames_per_part": FRAMES_PER_PART,
@@ -178,7 +180,12 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
         np.savez(file, **columns)
 
 
-def _read_part(path: Path, is_swept: bool) -> Iterator[SegmentedFrame]:
+def _as_swept(frame: SegmentedFrame, is_swept: bool, lasers: str | None) -> SegmentedFrame:
+    segments = {key: replace(segment, is_swept=is_swept, lasers=lasers) for key, segment in frame.segments.items()}
+    return replace(frame, segments=segments)
+
+
+def _read_part(path: Path) -> Iterator[SegmentedFrame]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             columns = {key: archive[key] for key in _COLUMNS}
@@ -201,8 +208,7 @@ def _read_part(path: Path, is_swept: bool) -> Iterator[SegmentedFrame]:
             n = int(columns["n_points"][i])
             if n >= 0:
                 cloud = points[ends[i] - n : ends[i]].copy()  # a view would keep the whole part in memory
-                segment = segment_of(box, cloud, int(index), time, T_world_lidar)
-                segments[box.track_id] = replace(segment, is_swept=is_swept)
+                segments[box.track_id] = segment_of(box, cloud, int(index), time, T_world_lidar)
         claimed = None if np.isnan(covariance).any() else covariance
         yield SegmentedFrame(int(index), timestamp, segments, boxes, T_world_lidar, claimed, seen_at)
 

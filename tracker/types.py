@@ -102,6 +102,8 @@ class Frame:
         sweep: motion during the sweep, where points are to be moved to one instant; None to take them as they are.
         is_swept: points are where they were when the beams passed them, one after the other, as in the raw sweeps of a
             sensor that turns; otherwise all of them are of one instant.
+        lasers: name of the beam model of the sensor, which says to which sides lasers look that fire together; None
+            where nobody knows.
     """
 
     index: int
@@ -112,6 +114,7 @@ class Frame:
     ego_step_covariance: StepCovariance | None = None
     sweep: Sweep | None = None
     is_swept: bool = False
+    lasers: str | None = None
 
     def without_pose(self) -> "Frame":
         """Forget the ego's pose: what is estimated of this frame is relative to the sensor."""
@@ -133,7 +136,7 @@ class Segment:
         ground_z_world: the same in the world, for the pose that came with the scan; None where none did.  A sensor
             that leans by 1 degree is 0.35 m off at 20 m, so that the one does not follow from the other without
             knowing the very spot that is meant.
-        is_swept: as in the frame.
+        is_swept, lasers: as in the frame.
     """
 
     track_id: int
@@ -144,6 +147,7 @@ class Segment:
     ground_z_lidar: float
     ground_z_world: float | None = None
     is_swept: bool = False
+    lasers: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,7 +107,7 @@ def test_a_specimen_is_the_same_whenever_it_is_drawn_and_another_seed_is_another
 
 
 def test_the_sensors_of_the_manuals_are_there():
-    assert beam_models() == ["hdl-64e", "os1-128", "symmetric-64", "vlp-16", "vlp-32c"]
+    assert beam_models() == ["hdl-64e", "hdl-64e-kitti", "os1-128", "symmetric-64", "vlp-16", "vlp-32c"]
     for name, model in {"VLP-16": VLP_16, "vlp-32c": VLP_32C, "os1-128": OS1_128, "hdl-64e": HDL_64E}.items():
         assert beam_model(name) is model
     np.testing.assert_allclose(np.rad2deg(VLP_16.elevations), np.arange(15, -16, -2))

@@ -94,12 +94,22 @@ def test_looks_at_objects_and_points_moved_to_them_come_back(training, tmp_path,
     assert cut_sequence(opened(training), tmp_path / "store").manifest["deskewed"] is False
 
 
-@pytest.mark.parametrize("record", [None, {"sequences": {"0000": {"rolling_shutter": False}}}])
-def test_a_store_says_whether_scans_are_raw_sweeps_as_all_but_some_simulated_ones_are(training, tmp_path, record):
-    if record is not None:
-        (training / "simulation.json").write_text(json.dumps(record))
+@pytest.mark.parametrize(
+    ("settings", "lasers"),
+    [
+        (None, "HDL-64E-KITTI"),
+        ({"rolling_shutter": False, "beam_model": "HDL-64E"}, "HDL-64E"),
+        ({"rolling_shutter": False, "beam_model": "mine"}, None),
+    ],
+)
+def test_a_store_says_whether_scans_are_raw_sweeps_as_all_but_some_simulated_ones_are(
+    training, tmp_path, settings, lasers
+):
+    if settings is not None:
+        (training / "simulation.json").write_text(json.dumps({"sequences": {"0000": settings}}))
     frames = list(cut_sequence(opened(training), tmp_path / "store").frames())
-    assert {segment.is_swept for frame in frames for segment in frame.segments.values()} == {record is None}
+    segments = [segment for frame in frames for segment in frame.segments.values()]
+    assert {(segment.is_swept, segment.lasers) for segment in segments} == {(settings is None, lasers)}
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"sequences": {"0000": 1}}'])
@@ -144,7 +154,7 @@ def test_the_manifest_says_what_was_cut(training, tmp_path):
     manifest = cut_into(training, tmp_path / "store").manifest
     assert manifest == json.loads((tmp_path / "store" / "0000" / "manifest.json").read_text())
     keys = ("format", "version", "sequence", "clock", "ego", "n_frames", "missing_scans")
-    assert [manifest[key] for key in keys] == ["regmot-segments", 3, "0000", "nominal 10 Hz", "none", 5, [3]]
+    assert [manifest[key] for key in keys] == ["regmot-segments", 4, "0000", "nominal 10 Hz", "none", 5, [3]]
 
 
 def test_a_sequence_without_any_scan_is_refused_and_nothing_is_written(tmp_path):

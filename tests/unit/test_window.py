@@ -59,7 +59,7 @@ def window_with_noise(sd, claimed, doubt=0.0):
         window.advance(0.1 * k, axes)
         for lag in range(1, min(k, 4) + 1):
             step = np.array([0.3 * lag, 0.0]) + rng.normal(0.0, sd, 2)
-            window.compare(lag, np.zeros(2), step, np.eye(2) / 0.02**2, doubt)
+            window.compare(lag, np.zeros(2), step, np.eye(2) / 0.02**2, doubt**2 * np.eye(2))
         solve([window], axes)
     return window
 
@@ -72,7 +72,7 @@ def test_how_well_comparisons_agree_tells_how_large_their_errors_are():
 
 
 def test_what_is_doubted_for_another_reason_tells_nothing_of_the_claims():
-    as_claimed, found = (np.trace(window_with_noise(0.005, x, doubt=0.3**2).step()[1]) for x in (np.inf, 5.0))
+    as_claimed, found = (np.trace(window_with_noise(0.005, x, doubt=0.3).step()[1]) for x in (np.inf, 5.0))
     assert found == pytest.approx(as_claimed, rel=0.1)
 
 

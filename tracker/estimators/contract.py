@@ -71,8 +71,11 @@ class Sighting:
         frame: number of the frame in its sequence.
         range_m: horizontal distance of the midpoint from the sensor [m].
         sensor: where the sensor is, horizontally (x, y), in the axes of the points [m].
+        sensor_yaw: which way it looks, in the same axes [rad].
         in_world: whether the axes are the world's; else they are the sensor's, and turn with it.
+        points_lidar: in the sensor's own axes (n, 3) [m].
         is_swept: points are where they were, relative to the sensor, when the beams passed them.
+        lasers: name of the sensor's beam model; None where nobody knows it.
     """
 
     class_name: str
@@ -83,8 +86,11 @@ class Sighting:
     frame: int
     range_m: float
     sensor: Vector2
+    sensor_yaw: float
     in_world: bool
+    points_lidar: Points
     is_swept: bool = False
+    lasers: str | None = None
 
 
 def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
@@ -102,8 +108,11 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
         frame=segment.frame,
         range_m=float(np.hypot(*(midpoint[:2] - sensor))),
         sensor=sensor,
+        sensor_yaw=se3.yaw(T),
         in_world=T_world_lidar is not None,
+        points_lidar=segment.points_lidar,
         is_swept=segment.is_swept,
+        lasers=segment.lasers,
     )
 
 

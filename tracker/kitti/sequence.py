@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import se3
+from registration.synthetic.lidar import HDL_64E_KITTI
 from registration.types import Transform
 from tracker.ego_motion.sweep import twist_of_step
 from tracker.errors import DataError, InputError
@@ -46,6 +47,7 @@ class KittiSequence:
         sweep: how the sensor turns, where points are to be moved to one instant (its twist is found anew for each
             frame); None to take scans as they are.
         is_swept: see `Frame`; KITTI's raw and tracking scans are (docs/ego-motion.md).
+        lasers: see `Frame`; those of KITTI's sensor, if nobody says otherwise.
     """
 
     name: str
@@ -65,6 +67,7 @@ class KittiSequence:
     flagged: tuple[int, ...] = ()
     sweep: Sweep | None = None
     is_swept: bool = True
+    lasers: str | None = HDL_64E_KITTI.name
 
     def __len__(self) -> int:
         """Count the frames, with or without a scan."""
@@ -93,6 +96,7 @@ class KittiSequence:
             ego_step_covariance=self.step_covariance(index),
             sweep=None if self.sweep is None else replace(self.sweep, twist_lidar=self._twist(index), period=self.turn),
             is_swept=self.is_swept,
+            lasers=self.lasers,
         )
 
     def step_covariance(self, index: int) -> StepCovariance | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from registration import se3
+from registration.synthetic.lidar import HDL_64E_KITTI, beam_models
 from tracker.errors import DataError, MissingDataError
 from tracker.kitti.calib import Calibration, read_tracking_calib
 from tracker.kitti.labels import Label, class_names, read_labels
@@ -45,6 +46,7 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto", reco
     for label in labels:
         by_frame[label.frame].append(label)
     T_lidar_cam = se3.invert(calibration.T_cam_lidar)
+    simulation = simulation_of(folder, name)
 
     def boxes_of(frame: int) -> tuple[Box, ...]:
         return tuple(label.to_box(T_lidar_cam) for label in by_frame.get(frame, []))
@@ -63,7 +65,8 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto", reco
         sources=(label_path, calib_path, *time_files, *pose_files),
         truth_path=folder / "truth" / f"{name}.csv",
         T_cam_lidar=calibration.T_cam_lidar,
-        is_swept=bool((simulation_of(folder, name) or {}).get("rolling_shutter", True)),
+        is_swept=simulation is None or bool(simulation.get("rolling_shutter", True)),
+        lasers=HDL_64E_KITTI.name if simulation is None else _known_lasers(simulation),
     )
 
 
@@ -86,6 +89,12 @@ def simulation_of(folder: Path, name: str) -> dict[str, Any] | None:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"expected a simulator's record, sequences with their settings, got a damaged file ({error})"
         raise DataError(path, what) from error
+
+
+def _known_lasers(simulation: dict[str, Any]) -> str | None:
+    """Give the name of the beam model that a sequence was simulated with; None where it was a table of somebody's."""
+    name = str(simulation.get("beam_model"))
+    return name if name.lower() in beam_models() else None
 
 
 def _choose_poses(

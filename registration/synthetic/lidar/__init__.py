@@ -2,10 +2,12 @@
 
 from registration.synthetic.lidar.beams import BeamModel, Jitter, Rays, Turn, fire, ray_directions
 from registration.synthetic.lidar.casting import PlacedMesh
+from registration.synthetic.lidar.lasers import firing_lags, ring_of
 from registration.synthetic.lidar.motion import pose_after, twist_between
 from registration.synthetic.lidar.sweep import GROUND, Sweep, level_ground, scan
 from registration.synthetic.lidar.tables import (
     HDL_64E,
+    HDL_64E_KITTI,
     OS1_128,
     SYMMETRIC_64,
     VLP_16,
@@ -18,6 +20,7 @@ from registration.synthetic.lidar.tables import (
 __all__ = [
     "GROUND",
     "HDL_64E",
+    "HDL_64E_KITTI",
     "OS1_128",
     "SYMMETRIC_64",
     "VLP_16",
@@ -31,10 +34,12 @@ __all__ = [
     "beam_model",
     "beam_models",
     "fire",
+    "firing_lags",
     "level_ground",
     "pose_after",
     "ray_directions",
     "read_beam_table",
+    "ring_of",
     "scan",
     "twist_between",
 ]

@@ -137,8 +137,9 @@ def _read_beam(where: str, cells: list[str], n_columns: int) -> list[float]:
         raise SimulationError(f"{where}: each cell must be {error}, got {','.join(cells)!r}") from None
 
 
-# The specimen that KITTI's car carries, as far as we know it.
+# A specimen of the kind that KITTI's car carries, and that one as far as it was measured.
 HDL_64E = read_beam_table(_FOLDER / "hdl-64e.csv").as_built(seed=64)
+HDL_64E_KITTI = read_beam_table(_FOLDER / "hdl-64e-kitti.csv").as_built(seed=64, azimuth_spread=0.0)
 VLP_16 = read_beam_table(_FOLDER / "vlp-16.csv")
 VLP_32C = read_beam_table(_FOLDER / "vlp-32c.csv")
 OS1_128 = read_beam_table(_FOLDER / "os1-128.csv")
@@ -161,7 +162,7 @@ SYMMETRIC_64 = BeamModel(
     intensity_noise=0.0,
 )
 
-_MODELS = {model.name.lower(): model for model in (HDL_64E, SYMMETRIC_64, VLP_16, VLP_32C, OS1_128)}
+_MODELS = {model.name.lower(): model for model in (HDL_64E, HDL_64E_KITTI, SYMMETRIC_64, VLP_16, VLP_32C, OS1_128)}
 
 
 def beam_models() -> list[str]:

@@ -19,7 +19,7 @@ def believed(own, doubt, scale, D):
 
     Args:
         own: inverse covariance that it claims (D, D); singular where a direction was not measured.
-        doubt: variance along each axis that does not depend on how well comparisons agree.
+        doubt: covariance that does not depend on how well comparisons agree (D, D).
         scale: of the claims.
         D: 1 or 2.
 
@@ -29,15 +29,17 @@ def believed(own, doubt, scale, D):
     """
     found = np.zeros((D, D))
     if D == 1:
-        whole = 1.0 + doubt * own[0, 0] / scale
+        whole = 1.0 + doubt[0, 0] * own[0, 0] / scale
         found[0, 0] = own[0, 0] / scale / whole
         return found, 1.0 / whole if own[0, 0] > 0.0 else 0.0
     a, b, c = own[0, 0] / scale, own[0, 1] / scale, own[1, 1] / scale
-    determinant, both = a * c - b * b, a + c
-    whole = 1.0 + doubt * both + doubt * doubt * determinant  # (1 + v L)^-1 L = (L + v |L| 1) / |1 + v L|
-    found[0, 0], found[1, 1] = (a + doubt * determinant) / whole, (c + doubt * determinant) / whole
-    found[0, 1] = found[1, 0] = b / whole
-    return found, (1.0 + 0.5 * doubt * both) / whole if both > 0.0 else 0.0
+    p, q, r = doubt[0, 0], doubt[0, 1], doubt[1, 1]
+    determinant, both = a * c - b * b, a * p + 2.0 * b * q + c * r
+    # (L^-1 + V)^-1 = (L + |L| adj V) / |1 + L V|, and |1 + L V| = 1 + tr L V + |L| |V|
+    whole = 1.0 + both + determinant * (p * r - q * q)
+    found[0, 0], found[1, 1] = (a + determinant * r) / whole, (c + determinant * p) / whole
+    found[0, 1] = found[1, 0] = (b - determinant * q) / whole
+    return found, (1.0 + 0.5 * both) / whole if a + c > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -52,4 +54,4 @@ def scale(claimed, misfit, n_told):
         misfit: weighed squared distances of comparisons and motion from what is found.
         n_told: comparisons that tell of it.
     """
-    return (claimed + misfit) / (claimed + n_told) if np.isfinite(claimed) else 1.0
+    return (claimed[0] * claimed[1] + misfit) / (claimed[0] + claimed[2] * n_told) if np.isfinite(claimed[0]) else 1.0

@@ -10,7 +10,8 @@ from registration import planar
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.look import Look, thinned
+from tracker.estimators.fused.look import Look, lags_of, thinned
+from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.solving import solve
 from tracker.estimators.fused.sources import (
     Expected,
@@ -107,6 +108,7 @@ class FusedEstimator(FrameEstimator):
         self._tracks: dict[int, Track] = {}
         self._axes = Heading(turns=False, n_frames=self.settings.motion.n_frames)
         self._common = scene.UNKNOWN  # how all that stands moves, where there are no poses
+        self._sensor: Sensor | None = None  # in the latest frame
 
     def forget(self, track_id: int) -> None:
         """Drop a track."""
@@ -128,12 +130,12 @@ class FusedEstimator(FrameEstimator):
         """Compare each object with its past, step by step more sure of where it is."""
         if not sightings:
             return {}
-        new = self._look(sightings)
         known = {key: self._tracks[key] for key in sightings if key in self._tracks}
-        self._begin_frame(sightings)
+        sensor = self._begin_frame(sightings)
         for key, track in known.items():
             pose_turn_sd = 0.0 if self._axes.turns else self.settings.pose_turn_sd
             track.advance(sightings[key], self._axes, pose_turn_sd)
+        new = self._look(sightings, sensor)
         is_known = self._ask(known, new)
         is_laid = self._compare_shapes(known, new)
         solve([track.turn for track in known.values()])
@@ -159,25 +161,33 @@ class FusedEstimator(FrameEstimator):
             steps = dict(zip(steps, settled, strict=True))
         return {key: s.doubted() for key, s in steps.items()}
 
-    def _begin_frame(self, sightings: Mapping[int, Sighting]) -> None:
-        """Go on with the axes if any object does; else begin them anew."""
-        in_world = next(iter(sightings.values())).in_world
+    def _begin_frame(self, sightings: Mapping[int, Sighting]) -> Sensor:
+        """Go on with the axes if any object does, else begin them anew; tell how the sensor moves."""
+        any_one = next(iter(sightings.values()))
         if not self._tracks:
-            turns = self.settings.turns_axes and not in_world
+            turns = self.settings.turns_axes and not any_one.in_world
             self._axes = Heading(turns=turns, n_frames=self.settings.motion.n_frames)
-            self._common = scene.UNKNOWN
+            self._common, self._sensor = scene.UNKNOWN, None
         self._axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
-        if self._tracks:
-            self._common = self._common.later(self._axes.times[-1] - self._axes.times[-2])
+        now, before = Sensor(any_one.sensor, any_one.sensor_yaw), self._sensor
+        if before is not None:
+            seconds = self._axes.times[-1] - self._axes.times[-2]
+            self._common = self._common.later(seconds)
+            now = now.since(before, seconds)
+            if not before.is_moving:  # what it saw then is put right
+                for track in self._tracks.values():
+                    track.looks[-1] = track.looks[-1].seen_by(before.as_of(now), track.centers()[-1])
+        self._sensor = now
+        return now
 
-    def _look(self, sightings: Mapping[int, Sighting]) -> dict[int, Look]:
+    def _look(self, sightings: Mapping[int, Sighting], sensor: Sensor) -> dict[int, Look]:
         encoded = self._learned.encode(list(sightings.values()))
-        return {
-            key: Look(
-                thinned(s.points), len(s.points), len(s.points) * s.range_m**2, s.sensor, s.is_swept, learned, s.frame
-            )
-            for (key, s), learned in zip(sightings.items(), encoded, strict=True)
-        }
+        looks = {}
+        for (key, s), learned in zip(sightings.items(), encoded, strict=True):
+            n_from_1m, lags, track = len(s.points) * s.range_m**2, lags_of(s), self._tracks.get(key)
+            look = Look(thinned(s.points), len(s.points), n_from_1m, sensor, np.zeros(2), lags, learned, s.frame)
+            looks[key] = look.seen_by(sensor, s.midpoint[:2] if track is None else track.centers()[-1])
+        return looks
 
     def _ask(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
         """Hear the network's opinions of each object; say of which it has one."""
@@ -188,7 +198,7 @@ class FusedEstimator(FrameEstimator):
             if answer is not None:
                 track = known[key]
                 evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.at(-1 - lag))
-                doubt = self._doubt(self.settings.learned_changed, track, lag, new[key])
+                doubt = self._doubt(self.settings.learned_changed, 0.0, track, lag, new[key])
                 track.hear(lag, evidence, doubt, self._axes)
                 told[key] = track
         solve([track.place for track in told.values()], self._axes)
@@ -206,14 +216,13 @@ class FusedEstimator(FrameEstimator):
         found = self._shape.compare(laid, [new[key] for key in known])
         for (key, lag), evidence in zip(jobs, found, strict=True):
             by_change = self.settings.shape_changed if evidence.was_searched else 0.0
-            way = known[key].way(lag, new[key])
-            doubt = math.hypot(self._doubt(by_change, known[key], lag, new[key]), self.settings.shape_moved * way)
+            doubt = self._doubt(by_change, self.settings.shape_moved, known[key], lag, new[key])
             known[key].hear(lag, evidence, doubt, self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}
 
-    def _doubt(self, by_change: float, track: Track, lag: int, new: Look) -> float:
-        """Give the standard deviation of a comparison that looks which differ, and few points, add to it [m].
+    def _doubt(self, by_change: float, by_way: float, track: Track, lag: int, new: Look) -> Square:
+        """Give the covariance that looks which differ, few points and a long way add to a comparison [m^2].
 
         All comparisons with a look share the error that it has since it shows few points, or fewer than the other: it
         counts for so many times its variance as there are comparisons, so that many are worth no more than one.
@@ -222,7 +231,9 @@ class FusedEstimator(FrameEstimator):
         older = math.sqrt(1.0 + track.place.n_told(lag))
         newer = math.sqrt(len(_lags(track, self.settings.learned_lags)) + len(_lags(track, self.settings.shape_lags)))
         changed = by_change * track.changed(lag, new) * (older if before.n_from_1m < new.n_from_1m else newer)
-        return math.hypot(changed, older * single / before.n_points, newer * single / new.n_points)
+        x, y = (by_way * track.way(lag, new)).tolist()
+        everywhere = changed**2 + (older * single / before.n_points) ** 2 + (newer * single / new.n_points) ** 2
+        return np.array([[everywhere + x * x, x * y], [x * y, everywhere + y * y]])
 
     def _jobs(self, known: Mapping[int, Track], lags: Sequence[int]) -> list[tuple[int, int]]:
         """List which looks are compared with the new ones; of a track that is not long enough yet, the first."""

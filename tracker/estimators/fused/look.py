@@ -3,15 +3,18 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float64
 
 from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
+from registration.synthetic.lidar import beam_model, firing_lags
 from registration.types import Points
+from tracker.estimators.contract import Sighting
+from tracker.estimators.fused.sensor import SWEEP_PERIOD, Sensor
 from tracker.estimators.fused.window import Vector
 
 Networks = AlignNetCars | AlignNetPersons
 
 KEPT_POINTS = 2000  # of a look, at most
-SWEEP_PERIOD = 0.1  # of a sensor that turns clockwise, seen from above, as KITTI's does [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +43,11 @@ class Look:
         points: thinned [m].
         n_points: how many there were.
         n_from_1m: how many there would be, seen from 1 m.
-        sensor: where they were seen from (2) [m].
-        is_bent: points are where they were when the beams passed them; see `straightened`.
+        sensor: that saw them.
+        shift: what was added to their places, since the sensor moved on until its beams passed them (2) [m]; in a world
+            only, and where scans are raw sweeps.
+        lags: how much later each point was seen than the sensor's head pointed to it [s]; None where all points are of
+            one instant.
         learned: what the network makes of it.
         frame: number of the frame in its sequence.
     """
@@ -49,10 +55,25 @@ class Look:
     points: Points
     n_points: int
     n_from_1m: float
-    sensor: Vector
-    is_bent: bool
+    sensor: Sensor
+    shift: Vector
+    lags: Float64[np.ndarray, " n"] | None
     learned: Encoding
     frame: int
+
+    def seen_by(self, sensor: Sensor, center: Vector) -> "Look":
+        """Put its points to where the beams met them, by a sensor that moves as is now known.
+
+        Args:
+            sensor: that saw them.
+            center: of the object [m].
+        """
+        if self.lags is None:
+            return replace(self, sensor=sensor)
+        shift = sensor.missed(center)
+        points = self.points.copy()
+        points[:, :2] += shift - self.shift
+        return replace(self, points=points, sensor=sensor, shift=shift)
 
     def straightened(self, velocity: Vector, center: Vector) -> "Look":
         """Undo what the object moved while the beams passed it, up to a decimetre at its ends when it is close.
@@ -61,14 +82,25 @@ class Look:
             velocity: of the object relative to the sensor [m/s].
             center: of the object: its points go to where they were when the beams passed it [m].
         """
-        if not self.is_bent:
+        if self.lags is None:
             return self
-        x, y = (center - self.sensor).tolist()
-        rays = self.points[:, :2] - self.sensor
+        place = self.sensor.place + self.shift
+        x, y = (center - place).tolist()
+        rays = self.points[:, :2] - place
         turned = np.arctan2(x * rays[:, 1] - y * rays[:, 0], rays @ (x, y))  # counter-clockwise: the beams were earlier
         points = self.points.copy()
-        points[:, :2] += (SWEEP_PERIOD / (2.0 * np.pi) * turned)[:, None] * velocity
-        return replace(self, points=points, is_bent=False)
+        points[:, :2] += (SWEEP_PERIOD / (2.0 * np.pi) * turned - self.lags)[:, None] * velocity
+        return replace(self, points=points, lags=None)
+
+
+def lags_of(sighting: Sighting) -> Float64[np.ndarray, " n"] | None:
+    """Give the lags that a look's points have, before it is straightened; see `Look`."""
+    if not sighting.is_swept:
+        return None
+    points_lidar = thinned(sighting.points_lidar)
+    if sighting.lasers is None:
+        return np.zeros(len(points_lidar))
+    return firing_lags(points_lidar, beam_model(sighting.lasers))
 
 
 def thinned(points: Points, most: int = KEPT_POINTS) -> Points:

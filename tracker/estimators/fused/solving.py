@@ -26,7 +26,7 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
         _open(axes or STILL),
         float(windows[0].model.density),
         np.array(windows[0].model.tails),
-        float(windows[0].model.claimed),
+        np.array([windows[0].model.claimed, windows[0].model.share, windows[0].model.per]),
     )
     frame, width = 0, 2 * state.shape[2]
     for k, window in enumerate(windows):
@@ -66,8 +66,8 @@ def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.W
         ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
         olders=np.ascontiguousarray(measured[:, :d]),
         newers=np.ascontiguousarray(measured[:, d : 2 * d]),
-        informations=np.ascontiguousarray(measured[:, 2 * d : -1]).reshape(-1, d, d),
-        doubts=np.ascontiguousarray(measured[:, -1]),
+        informations=np.ascontiguousarray(measured[:, 2 * d : -d * d]).reshape(-1, d, d),
+        doubts=np.ascontiguousarray(measured[:, -d * d :]).reshape(-1, d, d),
     )
 
 

@@ -132,8 +132,8 @@ class Shape:
         """Search around, where what is expected is not sure enough or points are too few for planes."""
         found: list[RegistrationResult | None] = [None] * len(laid)
         own = [k for k, job in enumerate(laid) if _is_searched(job, moved[k], targets[k])]
-        sources = self._search.prepare([moved[k] for k in own], [targets[k].sensor for k in own])
-        surroundings = self._search.prepare([targets[k].points for k in own], [targets[k].sensor for k in own])
+        sources = self._search.prepare([moved[k] for k in own], [targets[k].sensor.place for k in own])
+        surroundings = self._search.prepare([targets[k].points for k in own], [targets[k].sensor.place for k in own])
         results = self._search.align(list(zip(sources, surroundings, strict=True)), [priors[k] for k in own])
         for k, result in zip(own, results, strict=True):
             found[k] = result
@@ -233,9 +233,10 @@ def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, 
         place: of the reference point in the earlier one [m].
     """
     T, turn = result.T_target_source, se3.yaw(result.T_target_source)
-    covariance = _about(result.covariance, turn, result.source_centroid[:2], place)
+    seen = place - earlier.shift  # the network knows of no shifts
+    covariance = _about(result.covariance, turn, result.source_centroid[:2], seen)
     information = _inverse(covariance[:2, :2])
-    return Evidence(_moved(T, place) - place, information, turn, turn_variance(result, earlier, newer))
+    return Evidence(_moved(T, seen) + newer.shift - place, information, turn, turn_variance(result, earlier, newer))
 
 
 def turn_variance(result: RegistrationResult, earlier: Look, newer: Look) -> float:

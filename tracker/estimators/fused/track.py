@@ -1,6 +1,5 @@
 """One object: its window of places, that of its heading, and the looks that belong to their frames."""
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -93,15 +92,15 @@ class Track:
         if has_left:
             self.looks.pop(0)
 
-    def hear(self, lag: int, evidence: Evidence, doubt: float, axes: Heading) -> None:
+    def hear(self, lag: int, evidence: Evidence, doubt: Square, axes: Heading) -> None:
         """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
 
-        Its displacement may be off by `doubt` beside what it claims (standard deviation along each axis [m]).
+        Its displacement has the covariance `doubt` beside what it claims [m^2].
         """
         start = self.place.at(-1 - lag)
         if len(self.place) - lag == 1 and not self.place.comparisons:
             self.place.place_last(start + evidence.step)
-        self.place.compare(lag, start, evidence.step, evidence.information, doubt**2)
+        self.place.compare(lag, start, evidence.step, evidence.information, doubt)
         if np.isfinite(evidence.turn_variance):
             information = np.array([[1.0 / evidence.turn_variance]])
             self.turn.compare(lag, np.zeros(1), np.array([evidence.turn]), information)
@@ -115,9 +114,9 @@ class Track:
         if not self.place.comparisons:
             return new
         before = self.looks[-1]
-        moved = self.place.at(-1) - self.place.at(-2) - (new.sensor - before.sensor)
-        velocity = moved / (self.place.times[-1] - self.place.times[-2])
         centers = self.centers()
+        velocity = (self.place.at(-1) - self.place.at(-2)) / (self.place.times[-1] - self.place.times[-2])
+        velocity = velocity - new.sensor.carried(centers[-1])
         self.looks[-1] = before.straightened(velocity, centers[-2])
         return new.straightened(velocity, centers[-1])
 
@@ -126,16 +125,17 @@ class Track:
         before, now = self.looks[-lag].n_from_1m, new.n_from_1m
         return (1.0 - min(before, now) / max(before, now)) ** 2
 
-    def way(self, lag: int, new: Look) -> float:
-        """Give how far it has moved since an earlier look, relative to the sensor [m]."""
-        x, y = self.place.at(-1) - self.place.at(-1 - lag) - (new.sensor - self.looks[-lag].sensor)
-        return math.hypot(x, y)
+    def way(self, lag: int, new: Look) -> Vector:
+        """Give how far it has moved since an earlier look, relative to the sensor (2) [m]."""
+        way: Vector = self.place.at(-1) - self.place.at(-1 - lag) - (new.sensor.place - self.looks[-lag].sensor.place)
+        return way
 
     def refer_to_center(self) -> None:
         """Let the network's opinion of the latest look count for where the centre is."""
         center = self.looks[-1].learned.center()
         if center is not None:
-            own = planar.rotation(-float(self.turn.state[-1, 0, 0])) @ (center - self.place.state[-1, 0])
+            away = center + self.looks[-1].shift - self.place.state[-1, 0]
+            own = planar.rotation(-float(self.turn.state[-1, 0, 0])) @ away
             self.n_centers = min(self.n_centers + 1, MOST_CENTERS)
             self.center = self.center + (own - self.center) / self.n_centers
 

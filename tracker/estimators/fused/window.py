@@ -38,6 +38,8 @@ class MotionModel:
     tails: tuple[float, float] = (3.0, 4.0)
     n_frames: int = 9
     claimed: float = 5.0
+    share: float = 1.0
+    per: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +50,8 @@ class Comparison:
         older, newer: numbers of the frames since the first that the window ever had.
         measured: a point of the object in the older frame (d), which matters where axes turn; the same point in the
             newer frame (d); inverse covariance of the step between, row by row (d d), singular where a direction was
-            not measured; variance beside that, along each axis (1).  In one row, since a frame's comparisons are many,
-            and are stacked three times.
+            not measured; covariance beside that (d d).  In one row, since a frame's comparisons are many, and are
+            stacked three times.
     """
 
     older: int
@@ -221,14 +223,15 @@ class Window:
         self.state[-1, 0] = place
         self.state[-2:, 1] = (place - self.state[-2, 0]) / (self.times[-1] - self.times[-2])
 
-    def compare(self, lag: int, start: Vector, step: Vector, information: Square, doubt: float = 0.0) -> None:
+    def compare(self, lag: int, start: Vector, step: Vector, information: Square, doubt: Square | None = None) -> None:
         """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
 
         One that says nothing is left out, and one with a look that is off; see `Comparison`.  Beside what it claims
-        it has the variance `doubt` along each axis.
+        it has the covariance `doubt`; None: nothing.
         """
         if information.any() and not self.is_off[-1 - lag]:
-            measured = np.concatenate([start, start + step, information.ravel(), [doubt]])
+            beside = np.zeros(information.size) if doubt is None else doubt.ravel()
+            measured = np.concatenate([start, start + step, information.ravel(), beside])
             self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
 
     def n_told(self, lag: int) -> int:

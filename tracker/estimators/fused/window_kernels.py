@@ -50,7 +50,7 @@ class Windows(NamedTuple):
         olders: the point whose motion was measured, in the axes of the older frame (M, D).
         newers: where it was in the newer frame, in the axes of that (M, D).
         informations: inverse covariance of the difference that is claimed, in the axes of the newer frame (M, D, D).
-        doubts: variance along each axis beside that (M).
+        doubts: covariance beside that, in the same axes (M, D, D).
     """
 
     sizes: np.ndarray

@@ -1,0 +1,48 @@
+"""Which laser of a spinning sensor saw a point, and how much later it did so than the sensor's head pointed there."""
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from registration.synthetic.lidar.beams import BeamModel, Turn
+from registration.types import Points
+
+ON_RING = float(np.deg2rad(0.03))  # of a laser's elevation: points of KITTI's scans leave it by 0.001 degrees
+LEAST_SHARE = 0.9  # of points that lie on rings, for them to be taken for those of a sensor
+
+
+def ring_of(points_lidar: Points, beam_model: BeamModel) -> tuple[Int64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Tell the laser that saw each point, as a row of the beam table, and how far off its elevation the point is [rad].
+
+    Args:
+        points_lidar: as they were seen, in the sensor's axes (n, 3) [m].
+        beam_model: the sensor.
+    """
+    heights, order = beam_model.per_beam("beam_heights"), np.argsort(beam_model.elevations)
+    elevations = beam_model.elevations[order]
+    between = 0.5 * (elevations[1:] + elevations[:-1])
+    r = np.hypot(points_lidar[:, 0], points_lidar[:, 1])
+    ring = np.full(len(points_lidar), order[len(order) // 2])
+    for _ in range(3):  # lasers differ in height, by a tenth of a metre and in two blocks
+        elevation = np.arctan2(points_lidar[:, 2] - heights[ring], r)
+        ring = order[np.searchsorted(between, elevation)]
+    return ring, np.arctan2(points_lidar[:, 2] - heights[ring], r) - beam_model.elevations[ring]
+
+
+def firing_lags(points_lidar: Points, beam_model: BeamModel) -> Float64[np.ndarray, " n"]:
+    """Give how much later each point was seen than the sensor's head pointed to its azimuth [s].
+
+    Lasers that fire together look to different sides: those of an HDL-64E are up to 18 degrees apart, 5 ms.  Nothing
+    (zeros) where the points do not lie on the sensor's rings: they are another one's.
+
+    Args:
+        points_lidar: as they were seen, in the sensor's axes (n, 3) [m].
+        beam_model: the sensor.
+    """
+    ring, off = ring_of(points_lidar, beam_model)
+    if np.count_nonzero(np.abs(off) < ON_RING) < LEAST_SHARE * len(ring):
+        return np.zeros(len(ring))
+    sense = 1.0 if beam_model.turn is Turn.CLOCKWISE else -1.0
+    lags: Float64[np.ndarray, " n"] = (
+        sense * beam_model.period / (2.0 * np.pi) * beam_model.per_beam("azimuth_offsets")[ring]
+    )
+    return lags
