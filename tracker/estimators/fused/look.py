@@ -9,7 +9,7 @@ from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
 from registration.synthetic.lidar import beam_model, firing_lags
 from registration.types import Points
 from tracker.estimators.contract import Sighting
-from tracker.estimators.fused.sensor import SWEEP_PERIOD, Sensor
+from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.window import Vector
 
 Networks = AlignNetCars | AlignNetPersons
@@ -84,12 +84,9 @@ class Look:
         """
         if self.lags is None:
             return self
-        place = self.sensor.place + self.shift
-        x, y = (center - place).tolist()
-        rays = self.points[:, :2] - place
-        turned = np.arctan2(x * rays[:, 1] - y * rays[:, 0], rays @ (x, y))  # counter-clockwise: the beams were earlier
         points = self.points.copy()
-        points[:, :2] += (SWEEP_PERIOD / (2.0 * np.pi) * turned - self.lags)[:, None] * velocity
+        passed = self.sensor.delays(points[:, :2] - self.shift, self.lags)
+        points[:, :2] += (self.sensor.delays((center - self.shift)[None]) - passed)[:, None] * velocity
         return replace(self, points=points, lags=None)
 
 

@@ -1,9 +1,9 @@
 """Where the sensor is in one frame, how it moves, and when its beams pass a place."""
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float64
 
 from registration import planar
 from tracker.estimators.fused.window import Vector
@@ -45,8 +45,20 @@ class Sensor:
         x, y = (place - self.place).tolist()
         return self.velocity + np.array([-self.rate * y, self.rate * x])
 
+    def delays(
+        self, places: Float64[np.ndarray, "n 2"], lags: Float64[np.ndarray, " n"] | float = 0.0
+    ) -> Float64[np.ndarray, " n"]:
+        """Give when its beams pass places, after the time of the frame [s]; sweeps end right behind it.
+
+        Args:
+            places: (n, 2) [m].
+            lags: how much later than the sensor's head each is passed (n) [s].
+        """
+        x, y = (places - self.place).T
+        ahead = np.arctan2(y, x) - self.yaw - 2.0 * np.pi / SWEEP_PERIOD * lags
+        found: Float64[np.ndarray, " n"] = SWEEP_PERIOD * (0.5 - np.mod(ahead / (2.0 * np.pi) + 0.5, 1.0))
+        return found
+
     def missed(self, place: Vector) -> Vector:
         """Give how far the sensor takes a place along from the time of the frame to when its beams pass it [m]."""
-        x, y = (place - self.place).tolist()
-        delay = -planar.wrap(math.atan2(y, x) - self.yaw) * SWEEP_PERIOD / (2.0 * math.pi)
-        return delay * self.carried(place)
+        return self.delays(place[None])[0] * self.carried(place)
