@@ -312,22 +312,19 @@ def _add_best_motion(within, memory, motion):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def fit_planes(points, first, frame, radius, n_neighbours):
-    """Fit a plane to the neighbourhood of every point: unit normal, variance of its lean [rad^2] (n, 4).
+def fit_plane(points, first, frame, i, radius, rows, distances2, planes):  # noqa: PLR0913
+    """Fit a plane to the neighbourhood of point i: unit normal, variance of its lean [rad^2] (4), a row of `planes`.
 
-    Neighbourhood: the `n_neighbours` nearest points, itself among them, within `radius` [m].  Neighbours on a line,
-    as those of a single scan ring, leave the plane open: an upright one is taken then.  The normal is zero where there
-    is no plane to fit.  A normal leans sideways, along the ground, by the noise of the points that it was fitted to.
+    Neighbourhood: the nearest points, itself among them, within `radius` [m], as many as there are `rows`, which tell
+    of a place near by, or are -1.  Neighbours on a line, as those of a single scan ring, leave the plane open: an
+    upright one is taken then.  The normal is zero where there is no plane to fit.  A normal leans sideways, along the
+    ground, by the noise of the points that it was fitted to.
     """
-    planes = np.zeros((len(points), 4))
-    rows, distances2 = np.full(n_neighbours, -1), np.empty(n_neighbours)
     scatter = np.empty((3, 3))
-    for i in range(len(points)):
-        look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, rows, distances2)
-        n = _scatter(points, rows, scatter)
-        planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter)
-        planes[i, 3] = _lean(scatter, planes[i], n)
-    return planes
+    look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, rows, distances2)
+    n = _scatter(points, rows, scatter)
+    planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter)
+    planes[i, 3] = _lean(scatter, planes[i], n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -431,29 +428,33 @@ def _eigenvector(A, value):
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def point_to_plane(  # noqa: PLR0913
-    begin, end, sources, source_begin, points, points_begin, first, first_begin, frames, planes, limits, beliefs,
-    motions, outcomes, informations
+    begin, end, sources, source_begin, points, points_begin, first, first_begin, frames, planes, own, around, limits,
+    beliefs, motions, outcomes, informations
 ):  # fmt: skip
     """Align pairs `begin` to `end` of a batch by bringing points onto their neighbours' planes.
 
-    As `point_to_point`, and: `planes` about the targets' points; `limits`: (max_distance [m], max_iterations, tolerance
-    [m and rad], min_points, noise [m], robust_scale [m], independent pairs, belief about the change of height [1/m^2]);
-    `beliefs[k]`: inverse covariance of the start; `informations[k]` becomes what the planes alone say of the motion, an
-    inverse covariance too; `outcomes[k]` ends with the change of height beside that of the centroids [m].
+    As `point_to_point`, and: `own[k]`: which target is that of pair k; `planes` about the targets' points, NaN where
+    none is fitted yet, by `fit_plane` with `around`: (radius [m], number of neighbours); `limits`: (max_distance [m],
+    max_iterations, tolerance [m and rad], min_points, noise [m], robust_scale [m], independent pairs, belief about the
+    change of height [1/m^2]); `beliefs[k]`: inverse covariance of the start; `informations[k]` becomes what the planes
+    alone say of the motion, an inverse covariance too; `outcomes[k]` ends with the change of height beside that of the
+    centroids [m].
     """
     for k in range(begin, end):
-        source = sources[source_begin[k] : source_begin[k + 1]]
-        a, b = points_begin[k], points_begin[k + 1]
-        target_first = first[first_begin[k] : first_begin[k + 1]]
+        source, t = sources[source_begin[k] : source_begin[k + 1]], own[k]
+        a, b = points_begin[t], points_begin[t + 1]
+        target = points[a:b], first[first_begin[t] : first_begin[t + 1]], frames[t], planes[a:b]
         row = outcomes[k]
         row[0], row[1], row[2], row[3], row[4] = _align_planes(
-            source, points[a:b], target_first, frames[k], planes[a:b], limits, beliefs[k], motions[k], informations[k]
+            source, target, around, limits, beliefs[k], motions[k], informations[k]
         )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def _align_planes(source, points, first, frame, planes, limits, belief, motion, information):  # noqa: PLR0913
+def _align_planes(source, target, around, limits, belief, motion, information):
+    points, first, frame, planes = target
+    near, distances2 = np.full(around[1], -1), np.empty(around[1])
     max_distance, max_iterations, tolerance, min_points, noise, robust_scale, independent, height_belief = limits
     fewest = min(len(source), len(points))
     if fewest == 0 or fewest < min_points:
@@ -467,6 +468,10 @@ def _align_planes(source, points, first, frame, planes, limits, belief, motion, 
         n_pairs, rmse = pair_up(points, first, frame, motion, max_distance, memory, rows)
         if n_pairs < min_points:
             return NO_OVERLAP, 0, np.nan, iteration - 1, lift
+        for i in range(memory.shape[1]):
+            nearest = rows[int(memory[NEAREST, i]), i]
+            if memory[DISTANCE2, i] < max_distance**2 and np.isnan(planes[nearest, 0]):
+                fit_plane(points, first, frame, nearest, around[0], near, distances2, planes)
         n_planes = _compare_with_planes(
             points, planes, motion, max_distance, robust_scale, memory, rows, full, gradient, leaning
         )

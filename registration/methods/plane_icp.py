@@ -6,7 +6,6 @@ cars and vans, 3 to 80 m) such that the normalised error squared has its expecta
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -29,28 +28,6 @@ CENTROIDS_APART = 2.4  # ... share of the extent by which their centroids differ
 BELIEVED_LIFT = 0.1  # standard deviation of the change in z about that of the centroids [m]
 DENSE = 500  # points; cells of larger clouds are smaller, so that a search looks at no more points
 _ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
-
-
-@dataclass(frozen=True)
-class Surface(Cloud):
-    """A cloud with the planes about its points, which only a target needs.
-
-    Attributes:
-        radius: of the neighbourhood that a plane is fitted to [m].
-        n_neighbours: number of points in it, at most.
-    """
-
-    radius: float
-    n_neighbours: int
-
-    @cached_property
-    def planes(self) -> Float64[np.ndarray, "n 4"]:
-        """Planes about the grid's points: normals, zero where too few neighbours make one, and variance of their lean.
-
-        See `icp_kernels.fit_planes`.
-        """
-        grid = self.grid
-        return icp_kernels.fit_planes(grid.points, grid.first, grid.frame, self.radius, self.n_neighbours)
 
 
 @dataclass(frozen=True)
@@ -95,32 +72,35 @@ class PointToPlaneICP(BatchMethod):
             if getattr(self, setting) < least:
                 raise ValueError(f"{setting} must be at least {least}, got {getattr(self, setting)}")
 
-    def prepare_cloud(self, points: Points) -> Surface:
+    def prepare_cloud(self, points: Points) -> Cloud:
         """Sort the points into cells; planes are fitted when they are first asked for."""
         cell = self.max_distance * min(1.0, (DENSE / max(len(points), 1)) ** 0.5)
-        cloud = iterative.prepare(points, cell)
-        return Surface(
-            cloud.points, cloud.centroid, cloud.scatter, cloud.grid, float(self.normal_radius), self.normal_neighbours
-        )
+        return iterative.prepare(points, cell)
 
     def align_batch(
-        self, pairs: Sequence[tuple[Surface, Surface]], priors: Sequence[MotionPrior | None]
+        self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]
     ) -> list[RegistrationResult]:
         """Iterate each pair from its start by damped Gauss-Newton steps."""
         n = len(pairs)
         motions, outcomes, informations = iterative.starts(pairs, priors), np.empty((n, 5)), np.zeros((n, 3, 3))
         doubts = np.array([_doubt(*pair, prior) for pair, prior in zip(pairs, priors, strict=True)])
         sources, begin = neighbours.pack_arrays([source.grid.points for source, _ in pairs])
-        targets = neighbours.pack([target.grid for _, target in pairs])
-        planes, _ = neighbours.pack_arrays([target.planes for _, target in pairs])
+        # pairs of one target share its planes, which are fitted where they are needed; on several threads they do not
+        keys = [id(target) if self.threads <= 1 else k for k, (_, target) in enumerate(pairs)]
+        grids = {key: target.grid for key, (_, target) in zip(keys, pairs, strict=True)}
+        numbers = {key: number for number, key in enumerate(grids)}
+        own, targets = np.array([numbers[key] for key in keys]), neighbours.pack(list(grids.values()))
+        planes = np.full((len(targets.points), 4), np.nan)
+        around = float(self.normal_radius), self.normal_neighbours
         beliefs = np.linalg.inv(doubts)
         neighbours.share_out(
             lambda a, b: icp_kernels.point_to_plane(
-                a, b, sources, begin, *targets, planes, self._limits(), beliefs, motions, outcomes, informations
+                a, b, sources, begin, *targets, planes, own, around, self._limits(), beliefs, motions, outcomes,
+                informations
             ),
             n,
             self.threads,
-        )
+        )  # fmt: skip
         return [
             self._result(pair, prior, motion, outcome, information)
             for pair, prior, motion, outcome, information in zip(
@@ -134,7 +114,7 @@ class PointToPlaneICP(BatchMethod):
 
     def _result(
         self,
-        pair: tuple[Surface, Surface],
+        pair: tuple[Cloud, Cloud],
         prior: MotionPrior | None,
         motion: list[float],
         outcome: list[float],
@@ -162,8 +142,8 @@ class PointToPlaneICP(BatchMethod):
 
 def covariance_of_planes(
     information: Float64[np.ndarray, "3 3"],
-    source: Surface,
-    target: Surface,
+    source: Cloud,
+    target: Cloud,
     prior: MotionPrior | None,
     n_pairs: int,
     is_settled: bool,
@@ -190,7 +170,7 @@ def covariance_of_planes(
     return 0.5 * (covariance + covariance.T)
 
 
-def _doubt(source: Surface, target: Surface, prior: MotionPrior | None) -> PlanarCovariance:
+def _doubt(source: Cloud, target: Cloud, prior: MotionPrior | None) -> PlanarCovariance:
     """Give the covariance of the start."""
     if prior is not None:
         return prior.covariance + _ROUNDING * np.eye(3)

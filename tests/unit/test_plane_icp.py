@@ -35,7 +35,9 @@ def ring(n, seed=0, noise=0.005):
 
 def planes_of(points, radius=0.5, n_neighbours=20):
     grid = build_grid(points, radius)
-    planes = icp_kernels.fit_planes(grid.points, grid.first, grid.frame, radius, n_neighbours)
+    planes, near, distances2 = np.empty((len(points), 4)), np.full(n_neighbours, -1), np.empty(n_neighbours)
+    for i in range(len(points)):
+        icp_kernels.fit_plane(grid.points, grid.first, grid.frame, i, radius, near, distances2, planes)
     return planes[np.argsort(grid.order)]
 
 

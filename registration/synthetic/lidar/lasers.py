@@ -19,13 +19,13 @@ def ring_of(points_lidar: Points, beam_model: BeamModel) -> tuple[Int64[np.ndarr
     """
     heights, order = beam_model.per_beam("beam_heights"), np.argsort(beam_model.elevations)
     elevations = beam_model.elevations[order]
-    between = 0.5 * (elevations[1:] + elevations[:-1])
-    r = np.hypot(points_lidar[:, 0], points_lidar[:, 1])
+    between = np.tan(0.5 * (elevations[1:] + elevations[:-1]))
+    x, y, z = points_lidar.T
+    r = np.sqrt(x * x + y * y)
     ring = np.full(len(points_lidar), order[len(order) // 2])
     for _ in range(3):  # lasers differ in height, by a tenth of a metre and in two blocks
-        elevation = np.arctan2(points_lidar[:, 2] - heights[ring], r)
-        ring = order[np.searchsorted(between, elevation)]
-    return ring, np.arctan2(points_lidar[:, 2] - heights[ring], r) - beam_model.elevations[ring]
+        ring = order[np.searchsorted(between, (z - heights[ring]) / r)]
+    return ring, np.arctan2(z - heights[ring], r) - beam_model.elevations[ring]
 
 
 def firing_lags(points_lidar: Points, beam_model: BeamModel) -> Float64[np.ndarray, " n"]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean
 from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
 
 FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
+ONE = np.eye(2)
 SEARCHED_TURN_SD = 0.01  # of a turn that is always searched [rad]
 
 
@@ -147,7 +149,7 @@ class FusedEstimator(FrameEstimator):
                 track.refer_to_center()
         self._start_tracks(sightings, new)
         steps = self._steps(known, next(iter(sightings.values())).in_world)
-        return {key: _measurement(track, steps[key], key in is_known or key in is_laid) for key, track in known.items()}
+        return {key: _measurement(steps[key], key in is_known or key in is_laid) for key in known}
 
     def _steps(self, known: Mapping[int, Track], in_world: bool) -> dict[int, Steps]:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
@@ -229,15 +231,17 @@ class FusedEstimator(FrameEstimator):
         """
         before, single = track.looks[-lag], self.settings.single_point
         older = math.sqrt(1.0 + track.place.n_told(lag))
-        newer = math.sqrt(len(_lags(track, self.settings.learned_lags)) + len(_lags(track, self.settings.shape_lags)))
+        newer = math.sqrt(
+            sum(len(_lags(len(track.looks), lags)) for lags in (self.settings.learned_lags, self.settings.shape_lags))
+        )
         changed = by_change * track.changed(lag, new) * (older if before.n_from_1m < new.n_from_1m else newer)
         x, y = (by_way * track.way(lag, new)).tolist()
         everywhere = changed**2 + (older * single / before.n_points) ** 2 + (newer * single / new.n_points) ** 2
         return np.array([[everywhere + x * x, x * y], [x * y, everywhere + y * y]])
 
-    def _jobs(self, known: Mapping[int, Track], lags: Sequence[int]) -> list[tuple[int, int]]:
+    def _jobs(self, known: Mapping[int, Track], lags: tuple[int, ...]) -> list[tuple[int, int]]:
         """List which looks are compared with the new ones; of a track that is not long enough yet, the first."""
-        return [(key, lag) for key, track in known.items() for lag in _lags(track, lags)]
+        return [(key, lag) for key, track in known.items() for lag in _lags(len(track.looks), lags)]
 
     def _expected(self, track: Track, new: Look, lag: int) -> Expected:
         older = -1 - lag
@@ -250,7 +254,7 @@ class FusedEstimator(FrameEstimator):
             own = self.settings
             shift = track.place.at(-1) - place
             covariance = own.search_doubt * track.step_covariance(lag)
-            covariance = covariance + own.search_doubt * self._swing(track) + own.search_floor**2 * np.eye(2)
+            covariance = covariance + own.search_doubt * self._swing(track) + own.search_floor**2 * ONE
             doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
         T = planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0]))
         contrary = self.settings.search_doubt * self.settings.weighs_looks * track.place.told.spread()
@@ -273,19 +277,20 @@ class FusedEstimator(FrameEstimator):
                 self._tracks[key].refer_to_center()
 
 
-def _lags(track: Track, lags: Sequence[int]) -> list[int]:
-    """Say how many looks ago a track is compared; the first look stands for those before it."""
-    return sorted({min(lag, len(track.looks)) for lag in lags})
+@cache
+def _lags(n_looks: int, lags: tuple[int, ...]) -> list[int]:
+    """Say how many looks ago a track of so many looks is compared; the first one stands for those before it."""
+    return sorted({min(lag, n_looks) for lag in lags})
 
 
-def _measurement(track: Track, steps: Steps, is_measured: bool) -> Measurement:
+def _measurement(steps: Steps, is_measured: bool) -> Measurement:
     """Give the step to the latest look, and what is now known of those before."""
     hindsight = zip(steps.frames.tolist(), steps.velocities, steps.covariances, strict=True)
     return Measurement(
-        position=track.centers()[-1],
+        position=steps.center,
         velocity=steps.velocities[-1],
         covariance=steps.covariances[-1],
-        yaw_rate=track.yaw_rate(),
+        yaw_rate=steps.yaw_rate,
         status=EstimateStatus.CONVERGED if is_measured else EstimateStatus.NOT_CONVERGED,
         hindsight=tuple(Hindsight(*step) for step in list(hindsight)[-2::-1]),
     )

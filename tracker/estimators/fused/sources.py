@@ -1,5 +1,6 @@
 """Where evidence of an object's motion comes from: its shape, laid on itself, and the network's opinion."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ from tracker.estimators.fused.window import Square, Vector
 
 PERSONS = {"pedestrian", "person", "person_sitting", "cyclist"}  # classes that the network for persons is asked about
 SHAPE_POINTS = 400  # of an earlier look, at most, that are laid on all points of the newer one by planes
+LEARNED_POINTS = 192  # of a look, at most, that the network is shown
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
 TURN_SAMPLING = 1.0
@@ -69,7 +71,8 @@ class Expected:
         """Say whether the place is known well enough for planes, and points are many enough."""
         if self.covariance is None or n_points < FEW_POINTS:
             return False
-        return bool(np.linalg.eigvalsh(self.covariance)[-1] <= SURE**2)
+        (a, b), (_, c) = self.covariance.tolist()
+        return 0.5 * (a + c) + math.hypot(0.5 * (a - c), b) <= SURE**2  # the larger eigenvalue
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +153,7 @@ class Learned:
 
     def __init__(self) -> None:
         """Load the weights for cars; those for persons are loaded when the first one is seen."""
-        self._cars = AlignNetCars()
+        self._cars = AlignNetCars(max_points=LEARNED_POINTS)
         self._persons: AlignNetPersons | None = None
 
     def encode(self, sightings: Sequence[Sighting]) -> list[Encoding]:
@@ -177,7 +180,7 @@ class Learned:
         if class_name.lower() not in PERSONS:
             return self._cars
         if self._persons is None:
-            self._persons = AlignNetPersons()
+            self._persons = AlignNetPersons(max_points=LEARNED_POINTS)
         return self._persons
 
 

@@ -15,6 +15,7 @@ Square = Float64[np.ndarray, "d d"]
 Moved = tuple[Float64[np.ndarray, "m d"], Float64[np.ndarray, "m d d"], Float64[np.ndarray, "m d d"]]
 Joint = Float64[np.ndarray, "m m"]  # over all frames, m = 2 n d
 
+ONES = {1: np.eye(1), 2: np.eye(2)}
 SHORTEST_STEP = 0.01  # [s]
 UNSETTLED = 0.05  # what is left of the probability that a look is right when it is dropped
 PLACED = 1e-6  # variance of the first place, which only fixes where zero is
@@ -103,6 +104,7 @@ class Window:
     # what would be known of the rate at the frame before by its other explanation; doubt that its look leaves
     _other_known: tuple[Vector, Square] = field(default_factory=lambda: (np.zeros(2), np.eye(2)))
     _left: Square = field(default_factory=lambda: np.zeros((2, 2)))
+    _told_of: list[int] = field(default_factory=list)  # comparisons of earlier frames with each frame, as the older
 
     @classmethod
     def start(cls, model: MotionModel, time: float, axes: Heading, place: Vector) -> "Window":
@@ -197,14 +199,14 @@ class Window:
         dt = time - self.times[-1]
         shake = np.zeros((d, d)) if shake is None else shake
         rate, rate_covariance = self._latest_rate()
-        noise = self.model.density * dt**3 / 3.0 * np.eye(d)
+        noise = self.model.density * dt**3 / 3.0 * ONES[d]
         self.expected = dt * rate, dt**2 * rate_covariance + noise + shake
         nowhere = np.full(d, np.nan)
         self.told = Told(nowhere, nowhere, unsettled=0.0 if self.other is None else self.other.probability)
         if self.other is not None:
             self.other_expected = self.other.expected(dt, self.expected[1])
             self._other_known = self.other.rate, self.other.rate_covariance + rate_covariance
-        turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else np.eye(d)
+        turned = planar.rotation(-axes.turn_since(self.axes[-1])) if d > 1 else ONES[d]
         self.state, self.covariance = motion_kernels.advance(
             self.state, self.covariance, dt, turned, float(self.model.density), shake, is_full
         )
@@ -216,6 +218,9 @@ class Window:
         self.is_off.append(False)
         if is_full:
             self._drop_oldest()
+        self._told_of = [0] * len(self)
+        for comparison in self.comparisons:
+            self._told_of[comparison.older - self.n_left] += 1
         return is_full
 
     def place_last(self, place: Vector) -> None:
@@ -236,8 +241,7 @@ class Window:
 
     def n_told(self, lag: int) -> int:
         """Say how many comparisons of earlier frames there are with the frame `lag` before the latest, as the older."""
-        older, newest = self._newest - lag, self._newest
-        return sum(c.older == older and c.newer < newest for c in self.comparisons)
+        return self._told_of[-1 - lag]
 
     @property
     def _newest(self) -> int:
