@@ -51,6 +51,7 @@ def variants() -> dict[str, FusedSettings]:
         "how well all agree": replace(whole, motion=replace(whole.motion, claimed=math.inf)),
         "looks that are off": replace(whole, weighs_looks=False),
         "motion during a sweep": replace(whole, undoes_sweep=False),
+        "when each laser fires": replace(whole, knows_lasers=False),
         "steady axes": replace(whole, turns_axes=False),
         "the centre": replace(whole, refers_to_center=False),
         "what stands": replace(whole, knows_parked=False),

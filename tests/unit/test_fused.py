@@ -76,7 +76,7 @@ def test_many_comparisons_with_a_look_of_few_points_are_hardly_worth_more_than_o
 
 def looked_at(points, encoding, lags=None):
     n_from_1m = len(points) * float(np.sum(points.mean(axis=0)[:2] ** 2))
-    return Look(points, len(points), n_from_1m, Sensor(np.zeros(2), 0.0), np.zeros(2), lags, encoding, 1)
+    return Look(points, len(points), n_from_1m, Sensor(np.zeros(2), 0.0), np.zeros(2), lags, True, encoding, 1)
 
 
 def test_what_an_object_moved_while_the_beams_passed_it_is_undone():
@@ -141,6 +141,19 @@ def test_shapes_are_believed_less_the_farther_an_object_moved():
     assert found[15.0, 0.002] > 1.3 * found[15.0, 0.0]
 
 
+def test_shapes_are_believed_less_along_the_way_where_nobody_knows_when_lasers_fire():
+    """In raw sweeps of an unknown sensor; the direction across the way is known as well as ever."""
+    found = {}
+    for share in (0.0, 0.008):
+        estimator = FusedEstimator(settings=FusedSettings(shape_moved=0.0, untimed_moved=share))
+        for k in range(8):
+            one = replace(segment(car_cloud(800, seed=k) + [20.0 - 1.5 * k, 4.0, 0.0], k), is_swept=True)
+            answer = estimator.step({one.track_id: one}, one.timestamp, None)[one.track_id]
+        found[share] = np.sqrt(np.diag(answer.covariance))
+    assert found[0.008][0] > 1.3 * found[0.0][0]
+    assert found[0.008][1] < 1.1 * found[0.0][1]
+
+
 def encoded(cloud, class_name="Car"):
     return Learned().encode([look(replace(segment(cloud, 1), class_name=class_name), None)])[0]
 
@@ -162,9 +175,10 @@ def test_persons_are_shown_to_the_network_for_persons():
 def seen_steps(places, velocities, sd, n=4):
     """Give the same velocity in each of n steps, half-way at the same place."""
     frames, lengths, none = np.arange(1, n + 1), np.ones(n, dtype=np.int64), np.zeros((n, 2, 2))
+    covariances = [np.tile(s**2 * np.eye(2), (n, 1, 1)) for s in sd]
     return [
-        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), np.tile(C, (n, 1, 1)), none, none[:, 0])
-        for *pair, C in zip(places, velocities, [s**2 * np.eye(2) for s in sd], strict=True)
+        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), C, none, none[:, 0], np.zeros(2), 0.0)
+        for *pair, C in zip(places, velocities, covariances, strict=True)
     ]
 
 

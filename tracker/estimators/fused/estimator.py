@@ -48,13 +48,16 @@ class FusedSettings:
             explains [m].
         single_point: standard deviation of where an object is by a single point of it; by n points, an n-th of that:
             which of its points are seen is chance [m].  These three are of a single comparison; see `_doubt`.
-        shape_moved: standard deviation of a comparison by shape, of the way between the looks relative to the sensor:
-            other lasers meet the object, at other moments, and see other sides of it.
+        shape_moved: standard deviation of a comparison by shape along the way between the looks relative to the sensor,
+            as a share of it: other lasers meet the object, and see other sides of it.
+        untimed_moved: the same where nobody knows when each laser fires.
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
         weighs_looks: whether looks may be off as a whole, and what contradicts an expected place is searched for.
-        undoes_sweep: whether what objects move while the beams pass them is undone, where scans are raw sweeps.
+        undoes_sweep: whether what objects and the sensor move until the beams pass them is undone, where scans are raw
+            sweeps.
+        knows_lasers: whether it is known, for that, when each laser fires; else all do as the sensor's head passes.
         turns_axes: whether the sensor's axes are known to turn, where there are no poses.
         refers_to_center: whether velocities are those of the centre that the network sees, or of the first middle.
         knows_parked: whether velocities are weighed with how fast objects are before they are measured; and what stands
@@ -69,11 +72,13 @@ class FusedSettings:
     learned_changed: float = 0.5
     single_point: float = 0.25
     shape_moved: float = 0.002
+    untimed_moved: float = 0.008
     search_floor: float = 0.1
     search_doubt: float = 8.0
     pose_turn_sd: float = 0.001
     weighs_looks: bool = True
     undoes_sweep: bool = True
+    knows_lasers: bool = True
     turns_axes: bool = True
     refers_to_center: bool = True
     knows_parked: bool = True
@@ -186,8 +191,12 @@ class FusedEstimator(FrameEstimator):
         encoded = self._learned.encode(list(sightings.values()))
         looks = {}
         for (key, s), learned in zip(sightings.items(), encoded, strict=True):
-            n_from_1m, lags, track = len(s.points) * s.range_m**2, lags_of(s), self._tracks.get(key)
-            look = Look(thinned(s.points), len(s.points), n_from_1m, sensor, np.zeros(2), lags, learned, s.frame)
+            n_from_1m, track = len(s.points) * s.range_m**2, self._tracks.get(key)
+            lags = lags_of(s, self.settings.knows_lasers) if self.settings.undoes_sweep else None
+            is_timed = lags is None or bool(lags.any())
+            look = Look(
+                thinned(s.points), len(s.points), n_from_1m, sensor, np.zeros(2), lags, is_timed, learned, s.frame
+            )
             looks[key] = look.seen_by(sensor, s.midpoint[:2] if track is None else track.centers()[-1])
         return looks
 
@@ -218,7 +227,8 @@ class FusedEstimator(FrameEstimator):
         found = self._shape.compare(laid, [new[key] for key in known])
         for (key, lag), evidence in zip(jobs, found, strict=True):
             by_change = self.settings.shape_changed if evidence.was_searched else 0.0
-            doubt = self._doubt(by_change, self.settings.shape_moved, known[key], lag, new[key])
+            moved = self.settings.shape_moved if new[key].is_timed else self.settings.untimed_moved
+            doubt = self._doubt(by_change, moved, known[key], lag, new[key])
             known[key].hear(lag, evidence, doubt, self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}

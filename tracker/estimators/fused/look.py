@@ -48,6 +48,7 @@ class Look:
             only, and where scans are raw sweeps.
         lags: how much later each point was seen than the sensor's head pointed to it [s]; None where all points are of
             one instant.
+        is_timed: whether it is known when each point was seen: all are of one instant, or their lasers are known.
         learned: what the network makes of it.
         frame: number of the frame in its sequence.
     """
@@ -58,6 +59,7 @@ class Look:
     sensor: Sensor
     shift: Vector
     lags: Float64[np.ndarray, " n"] | None
+    is_timed: bool
     learned: Encoding
     frame: int
 
@@ -90,12 +92,12 @@ class Look:
         return replace(self, points=points, lags=None)
 
 
-def lags_of(sighting: Sighting) -> Float64[np.ndarray, " n"] | None:
-    """Give the lags that a look's points have, before it is straightened; see `Look`."""
+def lags_of(sighting: Sighting, knows_lasers: bool) -> Float64[np.ndarray, " n"] | None:
+    """Give the lags that a look's points have, before it is straightened; see `Look`.  Unknown lasers have none."""
     if not sighting.is_swept:
         return None
     points_lidar = thinned(sighting.points_lidar)
-    if sighting.lasers is None:
+    if sighting.lasers is None or not knows_lasers:
         return np.zeros(len(points_lidar))
     return firing_lags(points_lidar, beam_model(sighting.lasers))
 
