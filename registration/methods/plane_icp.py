@@ -101,73 +101,82 @@ class PointToPlaneICP(BatchMethod):
             n,
             self.threads,
         )  # fmt: skip
+        covariances = covariances_of_planes(self.noise**2 * informations, pairs, priors, beliefs, outcomes)
+        is_degenerate = np.linalg.eigvalsh(informations[:, :2, :2])[:, 0] * self.unsure**2 < 1.0
         return [
-            self._result(pair, prior, motion, outcome, information)
-            for pair, prior, motion, outcome, information in zip(
-                pairs, priors, motions.tolist(), outcomes.tolist(), informations, strict=True
-            )
+            _result(*each)
+            for each in zip(pairs, motions.tolist(), outcomes.tolist(), covariances, is_degenerate, strict=True)
         ]
 
     def _limits(self) -> tuple[float, int, float, int, float, float, float, float]:
         floats = (float(self.noise), float(self.robust_scale), float(self.independent_pairs), BELIEVED_LIFT**-2)
         return (float(self.max_distance), self.max_iterations, float(self.tolerance), self.min_points, *floats)
 
-    def _result(
-        self,
-        pair: tuple[Cloud, Cloud],
-        prior: MotionPrior | None,
-        motion: list[float],
-        outcome: list[float],
-        information: PlanarCovariance,
-    ) -> RegistrationResult:
-        source, target = pair
-        status, n_pairs = iterative.STATUS[int(outcome[0])], int(outcome[1])
-        T = iterative.transform(motion, source, target)
-        T[2, 3] += outcome[4]
-        if status not in (Status.CONVERGED, Status.NOT_CONVERGED):
-            return iterative.fallback(source, target, T, status)
-        is_settled = status is Status.CONVERGED
-        is_degenerate = np.linalg.eigvalsh(information[:2, :2])[0] * self.unsure**2 < 1.0
-        unscaled = self.noise**2 * information
-        return RegistrationResult(
-            T_target_source=T,
-            source_centroid=source.centroid,
-            covariance=covariance_of_planes(unscaled, source, target, prior, n_pairs, is_settled),
-            status=Status.NOT_CONVERGED if is_degenerate else status,
-            rmse=outcome[2],
-            n_pairs=n_pairs,
-            n_iterations=int(outcome[3]),
-        )
+
+def _result(
+    pair: tuple[Cloud, Cloud],
+    motion: list[float],
+    outcome: list[float],
+    covariance: PlanarCovariance,
+    is_degenerate: np.bool_,
+) -> RegistrationResult:
+    source, target = pair
+    status = iterative.STATUS[int(outcome[0])]
+    T = iterative.transform(motion, source, target)
+    T[2, 3] += outcome[4]
+    if status not in (Status.CONVERGED, Status.NOT_CONVERGED):
+        return iterative.fallback(source, target, T, status)
+    return RegistrationResult(
+        T_target_source=T,
+        source_centroid=source.centroid,
+        covariance=covariance,
+        status=Status.NOT_CONVERGED if is_degenerate else status,
+        rmse=outcome[2],
+        n_pairs=int(outcome[1]),
+        n_iterations=int(outcome[3]),
+    )
 
 
-def covariance_of_planes(
-    information: Float64[np.ndarray, "3 3"],
-    source: Cloud,
-    target: Cloud,
-    prior: MotionPrior | None,
-    n_pairs: int,
-    is_settled: bool,
-) -> PlanarCovariance:
-    """Bound the error of a motion found by pairing points with planes.
+def covariances_of_planes(
+    informations: Float64[np.ndarray, "n 3 3"],
+    pairs: Sequence[tuple[Cloud, Cloud]],
+    priors: Sequence[MotionPrior | None],
+    beliefs: Float64[np.ndarray, "n 3 3"],
+    outcomes: Float64[np.ndarray, "n 5"],
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Bound the errors of motions found by pairing points with planes.
 
     The planes' information and the start's make the covariance; both count less where the clouds show different
     parts of the object, the planes' also where points are few and where the iterations did not settle.
 
     Args:
-        information: what the planes say of (x, y, yaw), for a variance of 1 m^2.
+        informations: what the planes say of (x, y, yaw), for a variance of 1 m^2.
+        pairs: of clouds.
+        priors: of their motions.
+        beliefs: inverse covariances of the starts.
+        outcomes: see `icp_kernels.point_to_plane`.
     """
-    fewest = min(len(source.points), len(target.points))
-    apart = 1.0 - n_pairs / len(source.points)
-    variance = PLANE_SHARED**2 * n_pairs + PLANE_SAMPLING**2 / fewest + PLANE_APART**2 * apart**2
-    if not is_settled:
-        variance *= UNSETTLED**2
-    doubt = _doubt(source, target, prior)
-    if prior is None:
-        doubt *= CENTROIDS_SHARE**2
+    sizes = np.array([(len(source.points), len(target.points)) for source, target in pairs])
+    n_pairs, fewest = outcomes[:, 1], np.maximum(sizes.min(axis=1), 1)
+    apart = 1.0 - n_pairs / np.maximum(sizes[:, 0], 1)
+    variances = PLANE_SHARED**2 * n_pairs + PLANE_SAMPLING**2 / fewest + PLANE_APART**2 * apart**2
+    variances[outcomes[:, 0] != icp_kernels.CONVERGED] *= UNSETTLED**2
+    known = beliefs.copy()
+    for k, ((source, target), prior) in enumerate(zip(pairs, priors, strict=True)):
+        if prior is None:
+            known[k] = np.linalg.inv(_centroids_doubt(source, target, apart[k]))
+    covariances = np.linalg.inv(informations / variances[:, None, None] + known)
+    covariances[:, :2, :2] += PLANE_FLOOR**2 * np.eye(2)
+    found: Float64[np.ndarray, "n 3 3"] = 0.5 * (covariances + covariances.transpose(0, 2, 1))
+    return found
+
+
+def _centroids_doubt(source: Cloud, target: Cloud, apart: float) -> PlanarCovariance:
+    """Give the covariance of a start at the centroids, of clouds of which a share has no partners."""
+    doubt = CENTROIDS_SHARE**2 * _doubt(source, target, None)
+    if len(source.points):
         doubt[:2, :2] += CENTROIDS_APART**2 * apart**2 * np.cov(source.points[:, :2], rowvar=False, bias=True)
-    covariance = np.linalg.inv(information / variance + np.linalg.inv(doubt))
-    covariance[:2, :2] += PLANE_FLOOR**2 * np.eye(2)
-    return 0.5 * (covariance + covariance.T)
+    return doubt
 
 
 def _doubt(source: Cloud, target: Cloud, prior: MotionPrior | None) -> PlanarCovariance:
