@@ -53,6 +53,8 @@ class FusedSettings:
         untimed_moved: the same where nobody knows when each laser fires.
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
+        covariance_share: that errors have of the windows' covariances: 0.55 on simulated training sequences and scenes, near
+            and far, slow and fast; about 1 on real scans (docs/fused.md).
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
         weighs_looks: whether looks may be off as a whole, and what contradicts an expected place is searched for.
         undoes_sweep: whether what objects and the sensor move until the beams pass them is undone, where scans are raw
@@ -75,6 +77,7 @@ class FusedSettings:
     untimed_moved: float = 0.008
     search_floor: float = 0.1
     search_doubt: float = 8.0
+    covariance_share: float = 0.55
     pose_turn_sd: float = 0.001
     weighs_looks: bool = True
     undoes_sweep: bool = True
@@ -158,7 +161,7 @@ class FusedEstimator(FrameEstimator):
 
     def _steps(self, known: Mapping[int, Track], in_world: bool) -> dict[int, Steps]:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
-        steps = {key: track.steps() for key, track in known.items()}
+        steps = {key: track.steps(self.settings.covariance_share) for key, track in known.items()}
         if self.settings.knows_parked and steps:
             own = list(steps.values())
             if in_world:

@@ -13,9 +13,6 @@ from tracker.estimators.fused.sources import Evidence
 from tracker.estimators.fused.window import MotionModel, Square, Vector, Window
 
 MOST_CENTERS = 20  # looks that count for where an object's centre is
-# Of the windows' covariances: so large are the errors on simulated training sequences and scenes, slow and fast ones,
-# near and far.  Comparisons that agree by chance, and what is left to tails that are rarely needed, make up the rest.
-KNOWN_SHARE = 0.55
 LEAST_SD = 0.01  # of a velocity [m/s]
 # Few points may be laid on the wrong part of an object: n of them, in steps that follow on each other, in one case of
 # (n + 1)^2, by so much along each axis.  Of 1117 first steps in scenes of our own (seeds 31, 32, 41 to 44) shapes were
@@ -153,8 +150,8 @@ class Track:
         found: Float64[np.ndarray, "n 2"] = self.place.state[:, 0] + np.column_stack([c * x - s * y, s * x + c * y])
         return found
 
-    def steps(self) -> Steps:
-        """Read what is known now of each step."""
+    def steps(self, share: float) -> Steps:
+        """Read what is known now of each step; errors have so large a share of the windows' covariances."""
         centers, numbers = self.centers(), np.array(self.place.axes)
         seconds = np.diff(self.place.times)[:, None]
         turned, turns, _ = self.turn.steps()
@@ -171,7 +168,7 @@ class Track:
             lengths=np.diff(numbers),
             places=0.5 * (centers[1:] + centers[:-1]),
             velocities=moved / seconds,
-            covariances=KNOWN_SHARE * (known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
+            covariances=share * (known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
             doubts=np.array(self.place.doubts[1:]) / seconds[:, None] ** 2,
             slips=_slips(np.diff(numbers), fewest, seconds[:, 0]),
             center=centers[-1],
