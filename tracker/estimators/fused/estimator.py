@@ -53,8 +53,8 @@ class FusedSettings:
         untimed_moved: the same where nobody knows when each laser fires.
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
-        covariance_share: that errors have of the windows' covariances: 0.55 on simulated training sequences and scenes, near
-            and far, slow and fast; about 1 on real scans (docs/fused.md).
+        covariance_share: that errors have of the windows' covariances: 0.55 on simulated training sequences and scenes,
+            near and far, slow and fast; about 1 on real scans (docs/fused.md).
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
         weighs_looks: whether looks may be off as a whole, and what contradicts an expected place is searched for.
         undoes_sweep: whether what objects and the sensor move until the beams pass them is undone, where scans are raw
