@@ -141,6 +141,28 @@ def test_shapes_are_believed_less_the_farther_an_object_moved():
     assert found[15.0, 0.002] > 1.3 * found[15.0, 0.0]
 
 
+def test_what_straddles_the_end_of_a_sweep_is_put_together_and_believed_less():
+    """A car follows 10 m behind and falls back by 2 m/s: its halves are seen 100 ms apart."""
+    cloud, center, velocity = car_cloud(400) + [-10.0, 0.0, 0.0], np.array([-10.0, 0.0]), np.array([-2.0, 0.0])
+    sensor = Sensor(np.zeros(2), 0.0)
+    seen = cloud.copy()
+    seen[:, :2] += (sensor.delays(cloud[:, :2]) - sensor.delays(center[None]))[:, None] * velocity
+    assert np.abs(seen - cloud).max() == pytest.approx(0.2, abs=0.01)
+    look_behind = looked_at(seen, encoded(seen), np.zeros(len(seen))).seen_by(sensor, center)
+    assert look_behind.is_torn
+    np.testing.assert_allclose(look_behind.straightened(velocity, center).points, cloud, atol=0.01)
+    ahead = looked_at(-seen, encoded(-seen), np.zeros(len(seen))).seen_by(sensor, -center)
+    assert not ahead.is_torn
+    sure = []
+    for place in (10.0, -10.0):
+        estimator = create_estimator("fused")
+        for k in range(6):
+            one = replace(segment(car_cloud(400, seed=k) + [place, 0.0, 0.0], k), is_swept=True)
+            answer = estimator.step({one.track_id: one}, one.timestamp, None)[one.track_id]
+        sure.append(np.trace(answer.covariance))
+    assert sure[1] > 1.3 * sure[0]
+
+
 def test_shapes_are_believed_less_along_the_way_where_nobody_knows_when_lasers_fire():
     """In raw sweeps of an unknown sensor; the direction across the way is known as well as ever."""
     found = {}

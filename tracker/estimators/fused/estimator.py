@@ -51,6 +51,8 @@ class FusedSettings:
         shape_moved: standard deviation of a comparison by shape along the way between the looks relative to the sensor,
             as a share of it: other lasers meet the object, and see other sides of it.
         untimed_moved: the same where nobody knows when each laser fires.
+        torn: standard deviation of a comparison by shape with a look of which the end of a sweep saw a part, and the
+            start of the same one the rest: its label's box, of one moment, cuts off some of either [m].
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
         covariance_share: that errors have of the windows' covariances: 0.55 on simulated training sequences and scenes,
@@ -75,6 +77,7 @@ class FusedSettings:
     single_point: float = 0.25
     shape_moved: float = 0.002
     untimed_moved: float = 0.008
+    torn: float = 0.02
     search_floor: float = 0.1
     search_doubt: float = 8.0
     covariance_share: float = 0.55
@@ -232,6 +235,8 @@ class FusedEstimator(FrameEstimator):
             by_change = self.settings.shape_changed if evidence.was_searched else 0.0
             moved = self.settings.shape_moved if new[key].is_timed else self.settings.untimed_moved
             doubt = self._doubt(by_change, moved, known[key], lag, new[key])
+            if new[key].is_torn or known[key].looks[-lag].is_torn:
+                doubt = doubt + self.settings.torn**2 * ONE
             known[key].hear(lag, evidence, doubt, self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}

@@ -9,7 +9,7 @@ from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
 from registration.synthetic.lidar import beam_model, firing_lags
 from registration.types import Points
 from tracker.estimators.contract import Sighting
-from tracker.estimators.fused.sensor import Sensor
+from tracker.estimators.fused.sensor import SWEEP_PERIOD, Sensor
 from tracker.estimators.fused.window import Vector
 
 Networks = AlignNetCars | AlignNetPersons
@@ -51,6 +51,7 @@ class Look:
         is_timed: whether it is known when each point was seen: all are of one instant, or their lasers are known.
         learned: what the network makes of it.
         frame: number of the frame in its sequence.
+        is_torn: a part was seen at the end of the sweep, and the rest at its start.
     """
 
     points: Points
@@ -62,6 +63,7 @@ class Look:
     is_timed: bool
     learned: Encoding
     frame: int
+    is_torn: bool = False
 
     def seen_by(self, sensor: Sensor, center: Vector) -> "Look":
         """Put its points to where the beams met them, by a sensor that moves as is now known.
@@ -72,10 +74,12 @@ class Look:
         """
         if self.lags is None:
             return replace(self, sensor=sensor)
-        shift = sensor.missed(center)
+        shift, delays = sensor.missed(center), sensor.delays(self.points[:, :2] - self.shift, self.lags)
         points = self.points.copy()
         points[:, :2] += shift - self.shift
-        return replace(self, points=points, sensor=sensor, shift=shift)
+        return replace(
+            self, points=points, sensor=sensor, shift=shift, is_torn=bool(np.ptp(delays) > 0.5 * SWEEP_PERIOD)
+        )
 
     def straightened(self, velocity: Vector, center: Vector) -> "Look":
         """Undo what the object moved while the beams passed it, up to a decimetre at its ends when it is close.
