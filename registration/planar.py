@@ -4,6 +4,8 @@ A motion (x, y, yaw) about centre c moves a point p to Rz(yaw) (p - c) + c + (x,
 its centre: the same rigid motion has another (x, y) about every other centre.
 """
 
+import math
+
 import numpy as np
 from jaxtyping import Float64
 
@@ -53,9 +55,8 @@ def transport_covariance(covariance: Covariance, yaw: float, old: Vector2, new: 
 
     The Jacobian of `change_center`: an unsure turn makes far centres unsure of their displacement.
     """
-    J = np.eye(3)
-    c, s = np.cos(yaw), np.sin(yaw)
-    J[:2, 2] = np.array([[-s, -c], [c, -s]]) @ (new - old)
+    c, s, (x, y) = math.cos(yaw), math.sin(yaw), (new - old).tolist()
+    J = np.array([[1.0, 0.0, -s * x - c * y], [0.0, 1.0, c * x - s * y], [0.0, 0.0, 1.0]])
     return J @ covariance @ J.T
 
 

@@ -97,7 +97,8 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
     """Bring a non-empty segment into the frame of its velocities."""
     T = np.eye(4) if T_world_lidar is None else T_world_lidar
     points = se3.transform(T, segment.points_lidar) - [0.0, 0.0, _ground_z(segment, T_world_lidar)]
-    midpoint = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    # column by column: over rows of three NumPy takes up to fifteen times as long
+    midpoint = np.array([0.5 * (column.min() + column.max()) for column in points.T])
     sensor = T[:2, 3].copy()
     return Sighting(
         class_name=segment.class_name,

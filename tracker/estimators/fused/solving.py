@@ -45,6 +45,8 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
 
 def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.Windows:
     comparisons = [comparison for window in windows for comparison in window.comparisons]
+    counts = [len(window.comparisons) for window in windows]
+    ends = np.column_stack([[c.older for c in comparisons], [c.newer for c in comparisons]])
     d = windows[0].state.shape[2]
     measured = np.concatenate([comparison.measured for comparison in comparisons]).reshape(len(comparisons), -1)
     numbers = np.array([number for window in windows for number in window.axes])
@@ -52,7 +54,7 @@ def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.W
     expected, step_covariances = zip(*(window.expected for window in windows), strict=True)
     return window_kernels.Windows(
         sizes=np.array([len(window) for window in windows]),
-        counts=np.array([len(window.comparisons) for window in windows]),
+        counts=np.array(counts),
         times=np.array([time for window in windows for time in window.times]),
         axes=np.full(len(numbers), -1) if axes is None else np.maximum(numbers - axes.first, -1),
         angles=np.zeros(len(numbers)) if axes is None else axes.angles_at(numbers),
@@ -63,7 +65,7 @@ def _packed(windows: Sequence[Window], axes: Heading | None) -> window_kernels.W
         expected_covariances=np.array(step_covariances),
         rate_informations=np.linalg.inv(np.array(rate_covariances)),
         **_packed_others(windows),
-        ends=np.array([(c.older - w.n_left, c.newer - w.n_left) for w in windows for c in w.comparisons]),
+        ends=ends - np.repeat([window.n_left for window in windows], counts)[:, None],
         olders=np.ascontiguousarray(measured[:, :d]),
         newers=np.ascontiguousarray(measured[:, d : 2 * d]),
         informations=np.ascontiguousarray(measured[:, 2 * d : -d * d]).reshape(-1, d, d),

@@ -235,8 +235,12 @@ class Window:
         it has the covariance `doubt`; None: nothing.
         """
         if information.any() and not self.is_off[-1 - lag]:
-            beside = np.zeros(information.size) if doubt is None else doubt.ravel()
-            measured = np.concatenate([start, start + step, information.ravel(), beside])
+            d = len(start)
+            measured = np.zeros(2 * d + 2 * d * d)
+            measured[:d], measured[d : 2 * d] = start, start + step
+            measured[2 * d : -d * d] = information.ravel()
+            if doubt is not None:
+                measured[-d * d :] = doubt.ravel()
             self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
 
     def n_told(self, lag: int) -> int:
