@@ -25,9 +25,10 @@ def test_a_point_tells_its_laser_and_when_it_fired(sweep):
 
 def test_points_that_lie_on_no_rings_of_a_sensor_have_no_lags(sweep):
     foreign = scan([], VLP_16, np.random.default_rng(0), level_ground(VLP_16)).points_lidar
-    assert not firing_lags(foreign, HDL_64E_KITTI).any()
+    assert firing_lags(foreign, HDL_64E_KITTI) is None
+    assert np.abs(firing_lags(foreign, VLP_16)).max() < 1e-4
     noisy = sweep.points_lidar + np.random.default_rng(1).normal(0.0, 0.05, sweep.points_lidar.shape)
-    assert not firing_lags(noisy, HDL_64E_KITTI).any()
+    assert firing_lags(noisy, HDL_64E_KITTI) is None
     assert len(firing_lags(np.empty((0, 3)), HDL_64E_KITTI)) == 0
 
 

@@ -28,11 +28,11 @@ def ring_of(points_lidar: Points, beam_model: BeamModel) -> tuple[Int64[np.ndarr
     return ring, np.arctan2(z - heights[ring], r) - beam_model.elevations[ring]
 
 
-def firing_lags(points_lidar: Points, beam_model: BeamModel) -> Float64[np.ndarray, " n"]:
+def firing_lags(points_lidar: Points, beam_model: BeamModel) -> Float64[np.ndarray, " n"] | None:
     """Give how much later each point was seen than the sensor's head pointed to its azimuth [s].
 
-    Lasers that fire together look to different sides: those of an HDL-64E are up to 18 degrees apart, 5 ms.  Nothing
-    (zeros) where the points do not lie on the sensor's rings: they are another one's.
+    Lasers that fire together look to different sides: those of an HDL-64E are up to 18 degrees apart, 5 ms.  None where
+    the points do not lie on the sensor's rings: they are another one's.
 
     Args:
         points_lidar: as they were seen, in the sensor's axes (n, 3) [m].
@@ -40,7 +40,7 @@ def firing_lags(points_lidar: Points, beam_model: BeamModel) -> Float64[np.ndarr
     """
     ring, off = ring_of(points_lidar, beam_model)
     if np.count_nonzero(np.abs(off) < ON_RING) < LEAST_SHARE * len(ring):
-        return np.zeros(len(ring))
+        return None
     sense = 1.0 if beam_model.turn is Turn.CLOCKWISE else -1.0
     lags: Float64[np.ndarray, " n"] = (
         sense * beam_model.period / (2.0 * np.pi) * beam_model.per_beam("azimuth_offsets")[ring]

@@ -54,4 +54,4 @@ def scale(claimed, misfit, n_told):
         misfit: weighed squared distances of comparisons and motion from what is found.
         n_told: comparisons that tell of it.
     """
-    return (claimed[0] * claimed[1] + misfit) / (claimed[0] + claimed[2] * n_told) if np.isfinite(claimed[0]) else 1.0
+    return (claimed + misfit) / (claimed + n_told) if np.isfinite(claimed) else 1.0

@@ -198,8 +198,7 @@ class FusedEstimator(FrameEstimator):
         looks = {}
         for (key, s), learned in zip(sightings.items(), encoded, strict=True):
             n_from_1m, track = len(s.points) * s.range_m**2, self._tracks.get(key)
-            lags = lags_of(s, self.settings.knows_lasers) if self.settings.undoes_sweep else None
-            is_timed = lags is None or bool(lags.any())
+            lags, is_timed = lags_of(s, self.settings.knows_lasers) if self.settings.undoes_sweep else (None, True)
             look = Look(
                 thinned(s.points), len(s.points), n_from_1m, sensor, np.zeros(2), lags, is_timed, learned, s.frame
             )
@@ -296,9 +295,9 @@ class FusedEstimator(FrameEstimator):
 
 
 @cache
-def _lags(n_looks: int, lags: tuple[int, ...]) -> list[int]:
+def _lags(n_looks: int, lags: tuple[int, ...]) -> tuple[int, ...]:
     """Say how many looks ago a track of so many looks is compared; the first one stands for those before it."""
-    return sorted({min(lag, n_looks) for lag in lags})
+    return tuple(sorted({min(lag, n_looks) for lag in lags}))
 
 
 def _measurement(steps: Steps, is_measured: bool) -> Measurement:

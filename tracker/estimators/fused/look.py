@@ -96,14 +96,14 @@ class Look:
         return replace(self, points=points, lags=None)
 
 
-def lags_of(sighting: Sighting, knows_lasers: bool) -> Float64[np.ndarray, " n"] | None:
-    """Give the lags that a look's points have, before it is straightened; see `Look`.  Unknown lasers have none."""
+def lags_of(sighting: Sighting, knows_lasers: bool) -> tuple[Float64[np.ndarray, " n"] | None, bool]:
+    """Give `Look.lags` and `Look.is_timed`, before a look is straightened; unknown lasers have no lags."""
     if not sighting.is_swept:
-        return None
+        return None, True
     points_lidar = thinned(sighting.points_lidar)
-    if sighting.lasers is None or not knows_lasers:
-        return np.zeros(len(points_lidar))
-    return firing_lags(points_lidar, beam_model(sighting.lasers))
+    lasers = sighting.lasers if knows_lasers else None
+    lags = None if lasers is None else firing_lags(points_lidar, beam_model(lasers))
+    return np.zeros(len(points_lidar)) if lags is None else lags, lags is not None
 
 
 def thinned(points: Points, most: int = KEPT_POINTS) -> Points:

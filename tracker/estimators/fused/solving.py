@@ -26,7 +26,7 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
         _open(axes or STILL),
         float(windows[0].model.density),
         np.array(windows[0].model.tails),
-        np.array([windows[0].model.claimed, windows[0].model.share, windows[0].model.per]),
+        float(windows[0].model.claimed),
     )
     frame, width = 0, 2 * state.shape[2]
     for k, window in enumerate(windows):

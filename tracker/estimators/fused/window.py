@@ -39,8 +39,6 @@ class MotionModel:
     tails: tuple[float, float] = (3.0, 4.0)
     n_frames: int = 9
     claimed: float = 5.0
-    share: float = 1.0
-    per: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
