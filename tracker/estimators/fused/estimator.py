@@ -202,7 +202,9 @@ class FusedEstimator(FrameEstimator):
             look = Look(
                 thinned(s.points), len(s.points), n_from_1m, sensor, np.zeros(2), lags, is_timed, learned, s.frame
             )
-            looks[key] = look.seen_by(sensor, s.midpoint[:2] if track is None else track.centers()[-1])
+            if lags is not None:
+                look = look.seen_by(sensor, s.midpoint[:2] if track is None else track.centers()[-1])
+            looks[key] = look
         return looks
 
     def _ask(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
@@ -252,7 +254,7 @@ class FusedEstimator(FrameEstimator):
             sum(len(_lags(len(track.looks), lags)) for lags in (self.settings.learned_lags, self.settings.shape_lags))
         )
         changed = by_change * track.changed(lag, new) * (older if before.n_from_1m < new.n_from_1m else newer)
-        x, y = (by_way * track.way(lag, new)).tolist()
+        x, y = (by_way * track.way(lag, new)).tolist() if by_way else (0.0, 0.0)
         everywhere = changed**2 + (older * single / before.n_points) ** 2 + (newer * single / new.n_points) ** 2
         return np.array([[everywhere + x * x, x * y], [x * y, everywhere + y * y]])
 

@@ -66,14 +66,15 @@ class Look:
     is_torn: bool = False
 
     def seen_by(self, sensor: Sensor, center: Vector) -> "Look":
-        """Put its points to where the beams met them, by a sensor that moves as is now known.
+        """Put its points to where the beams met them, by a sensor that moves as is now known; nothing to do where all
+        points are of one instant.
 
         Args:
             sensor: that saw them.
             center: of the object [m].
         """
         if self.lags is None:
-            return replace(self, sensor=sensor)
+            return self
         shift, delays = sensor.missed(center), sensor.delays(self.points[:, :2] - self.shift, self.lags)
         points = self.points.copy()
         points[:, :2] += shift - self.shift

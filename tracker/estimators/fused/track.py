@@ -1,5 +1,6 @@
 """One object: its window of places, that of its heading, and the looks that belong to their frames."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -105,7 +106,7 @@ class Track:
         if len(self.place) - lag == 1 and not self.place.comparisons:
             self.place.place_last(start + evidence.step)
         self.place.compare(lag, start, evidence.step, evidence.information, doubt)
-        if np.isfinite(evidence.turn_variance):
+        if math.isfinite(evidence.turn_variance):
             information = np.array([[1.0 / evidence.turn_variance]])
             self.turn.compare(lag, np.zeros(1), np.array([evidence.turn]), information)
             axes.hear(self.place.axes[-1 - lag], evidence.turn, evidence.turn_variance)
@@ -115,9 +116,9 @@ class Track:
 
         Where nothing is known of the motion, nothing is undone.
         """
-        if not self.place.comparisons:
-            return new
         before = self.looks[-1]
+        if not self.place.comparisons or (new.lags is None and before.lags is None):
+            return new
         centers = self.centers()
         velocity = (self.place.at(-1) - self.place.at(-2)) / (self.place.times[-1] - self.place.times[-2])
         velocity = velocity - new.sensor.carried(centers[-1])
