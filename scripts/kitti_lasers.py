@@ -29,7 +29,7 @@ Rings = list[Float64[np.ndarray, " n"]]
 
 
 def main() -> None:
-    """Print what each laser's azimuth is against the mean of all, with how many short steps agree."""
+    """Print what each laser's azimuth is against the middle of all, with how many short steps agree."""
     root, name = Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "0000"
     scans = [
         short_steps(frame.points_lidar)

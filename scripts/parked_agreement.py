@@ -4,11 +4,14 @@ python -m regmot.parked_agreement ROOT [SEQUENCE ...]
 
 All that is parked moves as one rigid body relative to the sensor, whatever the ego does.  What velocities leave of the
 motion that fits them best is their own error: labels and poses, which tell what is parked, are not in it.  Nor is the
-error that all share.
+error that all share.  `fused` assumes as much itself, so that its objects agree for that reason too: "each alone" does
+not.
 """
 
 import sys
 from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,7 +20,9 @@ from jaxtyping import Float64
 
 from evaluation.compare import run_causal
 from evaluation.truth import true_velocities
-from tracker.estimators import create_estimator
+from tracker.errors import InputError
+from tracker.estimators import Estimator, create_estimator
+from tracker.estimators.fused import FusedEstimator, FusedSettings
 from tracker.estimators.fused.sensor import Sensor
 from tracker.kitti import open_sequences
 from tracker.store import cut_sequence
@@ -26,7 +31,12 @@ from tracker.types import SENSOR, WORLD, EstimateStatus, VelocityEstimate
 from .console import print_table
 
 CLASSES = ("Car", "Van")
-ESTIMATORS = ("centroid-kf", "adh-3d", "fused")
+ESTIMATORS: dict[str, Callable[[], Estimator]] = {
+    "centroid-kf": partial(create_estimator, "centroid-kf"),
+    "adh-3d": partial(create_estimator, "adh-3d"),
+    "fused": FusedEstimator,
+    "fused, each alone": partial(FusedEstimator, settings=FusedSettings(knows_parked=False)),
+}
 RANGE = 40.0  # objects farther away do not count [m]
 FEWEST = 3  # parked objects in a frame for it to count
 MOST_LATE = 0.5  # of a step, by which a look comes late, for the step to count
@@ -42,8 +52,8 @@ def main() -> None:
         for sequence in open_sequences(Path(root), tuple(names)):
             store = cut_sequence(sequence, Path(folder))
             truth = true_velocities(list(store.frames()), WORLD, "smoothed")
-            for name in ESTIMATORS:
-                tracklets, _ = run_causal(create_estimator(name), store, CLASSES, SENSOR)
+            for name, create in ESTIMATORS.items():
+                tracklets, _ = run_causal(create(), store, CLASSES, SENSOR)
                 parked: dict[int, list[tuple[VelocityEstimate, float]]] = defaultdict(list)
                 for tracklet in tracklets:
                     for before, now in zip(tracklet, tracklet[1:], strict=False):
@@ -55,6 +65,8 @@ def main() -> None:
                 left[name] += [residuals(*frame) for frame in frames if len(frame[0]) >= FEWEST]
     rows = []
     for name, found in left.items():
+        if not found:
+            raise InputError(f"{root}: expected frames with {FEWEST} parked objects within {RANGE:g} m, got none")
         off, squared, numbers = zip(*found, strict=True)
         rms = np.sqrt(np.mean(np.sum(np.concatenate(off) ** 2, axis=1)))
         share = sum(squared) / sum(numbers)
