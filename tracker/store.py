@@ -10,24 +10,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 
 from tracker.errors import DataError, MissingDataError
 from tracker.files import UNFINISHED, whole_file, write_whole
 from tracker.kitti import KittiSequence
 from tracker.tracklets import cut, segment_of
-from tracker.types import Box, SegmentedFrame
+from tracker.types import Box, SegmentedFrame, Sweep
 
-FORMAT, FORMAT_VERSION = "regmot-segments", 4
+FORMAT, FORMAT_VERSION = "regmot-segments", 5
 FRAMES_PER_PART = 50
 UNCLAIMED = np.full((3, 3), np.nan)  # stands for a covariance that nobody claims
+AS_SEEN = np.full(10, np.nan)  # stands for a sweep whose points and times are to be taken as they are
 
 _OURS = re.compile(
     rf"(manifest\.json|part-\d{{4,}}\.npz)({re.escape(UNFINISHED)})?"
 )  # all that a store's folder ever holds
 _COLUMNS = (
-    "index", "timestamp", "has_pose", "T_world_lidar", "ego_step_covariance",
+    "index", "timestamp", "has_pose", "T_world_lidar", "ego_step_covariance", "sweep",
     "box_frame", "track_id", "class_name", "T_lidar_obj", "size", "truncation", "occlusion", "n_points", "seen_at",
-    "points_lidar",
+    "seen_after", "points_lidar",
 )  # fmt: skip
 # What NumPy and zipfile raise on damaged archives, by where the damage is.
 _DAMAGES = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zipfile.BadZipFile)
@@ -165,6 +167,7 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
         "ego_step_covariance": np.array(
             [UNCLAIMED if frame.ego_step_covariance is None else frame.ego_step_covariance for frame in frames]
         ).reshape(-1, 3, 3),
+        "sweep": np.array([_sweep_row(frame) for frame in frames]).reshape(-1, len(AS_SEEN)),
         "box_frame": np.array([row for row, _ in boxes], dtype=np.int64),
         "track_id": np.array([box.track_id for _, box in boxes], dtype=np.int64),
         "class_name": np.array([box.class_name for _, box in boxes], dtype=np.str_),
@@ -173,11 +176,27 @@ def _write_part(path: Path, frames: list[SegmentedFrame]) -> None:
         "truncation": np.array([box.truncation for _, box in boxes], dtype=np.int64),
         "occlusion": np.array([box.occlusion for _, box in boxes], dtype=np.int64),
         "seen_at": np.array([frames[row].time_of(box.track_id) for row, box in boxes], dtype=np.float64),
+        "seen_after": np.array([0.0 if s is None else s.seen_after for s in segments], dtype=np.float64),
         "n_points": np.array([-1 if s is None else len(s.points_lidar) for s in segments], dtype=np.int64),
         "points_lidar": np.concatenate([np.empty((0, 3)), *clouds]).astype(np.float32),
     }
     with whole_file(path, "wb") as file:
         np.savez(file, **columns)
+
+
+def _sweep_row(frame: SegmentedFrame) -> Float64[np.ndarray, "10"]:
+    """Pack what the segments of a frame know of its sweep; it is the same for all of them."""
+    sweep = next((segment.sweep for segment in frame.segments.values()), None)
+    if sweep is None:
+        return AS_SEEN
+    return np.array([*sweep.twist_lidar, sweep.period, sweep.is_clockwise, sweep.cut_azimuth, sweep.to_frame_time])
+
+
+def _read_sweep(row: Float64[np.ndarray, "10"]) -> Sweep | None:
+    period, is_clockwise, cut_azimuth, to_frame_time = row[6:].tolist()
+    if np.isnan(period):
+        return None
+    return Sweep(row[:6], period, bool(is_clockwise), cut_azimuth, bool(to_frame_time))
 
 
 def _as_swept(frame: SegmentedFrame, is_swept: bool, lasers: str | None) -> SegmentedFrame:
@@ -197,7 +216,7 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
     for row, index in enumerate(columns["index"]):
         timestamp = float(columns["timestamp"][row])
         T_world_lidar = columns["T_world_lidar"][row] if columns["has_pose"][row] else None
-        covariance = columns["ego_step_covariance"][row]
+        covariance, sweep = columns["ego_step_covariance"][row], _read_sweep(columns["sweep"][row])
         boxes, segments, seen_at = {}, {}, {}
         for i in np.flatnonzero(columns["box_frame"] == row):
             box = _read_box(columns, int(i))
@@ -208,7 +227,9 @@ def _read_part(path: Path) -> Iterator[SegmentedFrame]:
             n = int(columns["n_points"][i])
             if n >= 0:
                 cloud = points[ends[i] - n : ends[i]].copy()  # a view would keep the whole part in memory
-                segments[box.track_id] = segment_of(box, cloud, int(index), time, T_world_lidar)
+                seen_after = float(columns["seen_after"][i])
+                segment = segment_of(box, cloud, int(index), timestamp + seen_after, T_world_lidar)
+                segments[box.track_id] = replace(segment, sweep=sweep, seen_after=seen_after)
         claimed = None if np.isnan(covariance).any() else covariance
         yield SegmentedFrame(int(index), timestamp, segments, boxes, T_world_lidar, claimed, seen_at)
 

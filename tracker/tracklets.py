@@ -5,14 +5,14 @@ from dataclasses import replace
 
 from registration.types import Points, Transform
 from tracker.boxes import points_in_boxes
-from tracker.ego_motion.sweep import at_one_instant
+from tracker.ego_motion.sweep import looked_at
 from tracker.types import Box, Frame, Segment, SegmentedFrame, Tracklet
 
 
 def cut(frame: Frame) -> SegmentedFrame:
     """Cut the segments of all boxes of a frame; a frame without a scan has boxes and no segments.
 
-    Where the frame says how the sensor moved during the sweep, points and boxes are moved to one instant.
+    Where the frame says how the sensor moved during the sweep, it is noted when each object was looked at.
     """
     segments = {}
     if frame.points_lidar is not None:
@@ -29,7 +29,7 @@ def cut(frame: Frame) -> SegmentedFrame:
         T_world_lidar=frame.T_world_lidar,
         ego_step_covariance=frame.ego_step_covariance,
     )
-    return segmented if frame.sweep is None else at_one_instant(segmented, frame.sweep)
+    return segmented if frame.sweep is None else looked_at(segmented, frame.sweep)
 
 
 def segment_of(

@@ -99,7 +99,8 @@ class Frame:
         T_world_lidar: pose of the sensor, or None where nothing is known of the ego's motion.
         ego_step_covariance: of the pose's step from the frame before, (x, y, yaw) about the sensor, in world axes
             [m^2, m rad, rad^2]; None where nobody claims any.
-        sweep: motion during the sweep, where points are to be moved to one instant; None to take them as they are.
+        sweep: motion during the sweep, where an object's points are to be moved to one instant, and time is that of
+            the look at it; None to take both as they are.
         is_swept: points are where they were when the beams passed them, one after the other, as in the raw sweeps of a
             sensor that turns; otherwise all of them are of one instant.
         lasers: name of the beam model of the sensor, which says to which sides lasers look that fire together; None
@@ -130,13 +131,14 @@ class Segment:
         track_id: identity of the object within its sequence.
         class_name: the data set's own word.
         frame: number of the frame in its sequence.
-        timestamp: [s]; of the very look at the object where points are moved to one instant, else of the frame.
+        timestamp: [s]; of the very look at the object where there is a `sweep`, else of the frame.
         points_lidar: the object's points (n, 3) [m]; n = 0 where the box is empty.
         ground_z_lidar: height of the ground under the object [m].
         ground_z_world: the same in the world, for the pose that came with the scan; None where none did.  A sensor
             that leans by 1 degree is 0.35 m off at 20 m, so that the one does not follow from the other without
             knowing the very spot that is meant.
-        is_swept, lasers: as in the frame.
+        is_swept, lasers, sweep: as in the frame.
+        seen_after: how long after the time of the frame the look was [s]; 0 where `timestamp` is that of the frame.
     """
 
     track_id: int
@@ -148,6 +150,8 @@ class Segment:
     ground_z_world: float | None = None
     is_swept: bool = False
     lasers: str | None = None
+    sweep: Sweep | None = None
+    seen_after: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +163,7 @@ class SegmentedFrame:
     Attributes:
         index, timestamp, T_world_lidar, ego_step_covariance: as in the frame.
         segments, boxes: by track id.
-        seen_at: times of the looks at the objects, where they are not the frame's [s].
+        seen_at: when the beams met the objects' centres, where time is not the frame's [s].
     """
 
     index: int
@@ -171,7 +175,7 @@ class SegmentedFrame:
     seen_at: dict[int, float] = field(default_factory=dict)
 
     def time_of(self, track_id: int) -> float:
-        """Give the time at which an object was seen [s]: the frame's, unless points were moved to one instant."""
+        """Give the time at which an object was seen [s]: the frame's, unless it is that of each look."""
         return self.seen_at.get(track_id, self.timestamp)
 
 

@@ -1,5 +1,7 @@
 """The time of each point, and what moving objects' points to one instant does to static and to moving ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from registration import se3
 from registration.synthetic.lidar import pose_after
 from tests.ego_world import Drive, clockwise_times
 from tracker.ego_motion.sweep import moved_to_frame_time, point_times, twist_of_step
+from tracker.estimators.contract import look
 from tracker.tracklets import cut
 from tracker.types import Box, Frame, Sweep
 
@@ -69,13 +72,14 @@ def frame_of(velocity, index, to_frame_time):
 def test_steps_in_the_world_take_the_time_between_the_looks(velocity):
     frames = [frame_of(velocity, k, to_frame_time=True) for k in (0, 1)]
     centers, times, raw = [], [], []
-    for frame, drive, look in frames:
-        segment = frame.segments[7]
-        assert len(segment.points_lidar) == 12
-        assert segment.timestamp == pytest.approx(look, abs=1e-4)
-        assert frame.time_of(7) == segment.timestamp
-        centers.append(se3.transform(drive.pose(frame.timestamp), segment.points_lidar).mean(axis=0))
-        times.append(segment.timestamp)
+    for frame, drive, look_time in frames:
+        seen = look(frame.segments[7], drive.pose(frame.timestamp))
+        assert len(seen.points) == 12
+        assert seen.timestamp == pytest.approx(look_time, abs=1e-4)
+        assert seen.frame_timestamp == pytest.approx(frame.timestamp)
+        assert frame.time_of(7) == pytest.approx(look_time, abs=5e-4)  # of its box's centre
+        centers.append(seen.centroid)
+        times.append(seen.timestamp)
         raw.append(frame.timestamp)
     found = (centers[1] - centers[0])[:2] / (times[1] - times[0])
     np.testing.assert_allclose(found, velocity, atol=0.02)
@@ -84,10 +88,21 @@ def test_steps_in_the_world_take_the_time_between_the_looks(velocity):
 
 
 def test_relative_to_the_sensor_points_are_those_of_the_look_itself():
-    frame, drive, look = frame_of((0.0, 0.0), 0, to_frame_time=False)
-    expected = se3.transform(se3.invert(drive.pose(look)), np.array([[6.0, -5.0, -0.5]]))[0]
-    np.testing.assert_allclose(frame.segments[7].points_lidar.mean(axis=0), expected, atol=1e-3)
-    assert frame.segments[7].timestamp == pytest.approx(look, abs=1e-4)
+    frame, drive, look_time = frame_of((0.0, 0.0), 0, to_frame_time=False)
+    expected = se3.transform(se3.invert(drive.pose(look_time)), np.array([[6.0, -5.0, -0.5]]))[0]
+    np.testing.assert_allclose(look(frame.segments[7], None).centroid[:2], expected[:2], atol=1e-3)
+    assert frame.segments[7].timestamp == pytest.approx(look_time, abs=1e-4)
+
+
+def test_an_estimator_that_undoes_the_sweep_is_shown_points_as_they_were_seen():
+    frame, drive, _ = frame_of((0.0, 0.0), 0, to_frame_time=True)
+    segment = replace(frame.segments[7], is_swept=True)
+    T_world_lidar = drive.pose(frame.timestamp)
+    moved, raw = (look(segment, T_world_lidar, undoes_sweep=undoes) for undoes in (False, True))
+    assert (moved.is_swept, raw.is_swept) == (False, True)
+    np.testing.assert_array_equal(raw.points_lidar, segment.points_lidar)
+    np.testing.assert_allclose(raw.points[:, :2], se3.transform(T_world_lidar, segment.points_lidar)[:, :2])
+    assert np.abs(moved.points - raw.points).max() > 0.05
 
 
 def test_without_a_sweep_nothing_is_moved():

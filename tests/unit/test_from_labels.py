@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tracker.errors import DataError, InputError, MissingDataError
 from tracker.kitti import open_sequence
 from tracker.kitti.truth import SENSOR_COLUMNS, read_truth
 from tracker.simulation import LabelPlay, Recording, simulate_labels
+from tracker.simulation.folder import time_passed
 from tracker.simulation.jitter import BoxJitter, jittered
 from tracker.simulation.occluders import azimuths, draw_hiding, occluders
 from tracker.simulation.smoothed_tracks import smoothed_tracks, without_flips
@@ -62,6 +64,33 @@ def test_the_twist_leads_from_one_pose_to_the_next():
     np.testing.assert_allclose(moved, stretch.pose(1.02), atol=1e-3)
     step = stretch.pose(1.02)[:3, 3] - stretch.pose(1.0)[:3, 3]
     assert np.linalg.norm(step) == pytest.approx(0.16, rel=0.02)
+
+
+def test_what_passes_by_is_smooth_over_the_times_at_which_the_beams_met_it():
+    """At 30 m/s and 4 m, looks are a tenth less than a frame apart."""
+    velocity, frames, met = np.array([-30.0, 0.0]), [], []
+    for k in range(15):
+        late = 0.0
+        for _ in range(6):
+            x, y = np.array([25.0, 4.0]) + (TIMES[k] + late) * velocity
+            late = time_passed(COARSE, np.array([x, y, 0.0]))
+        frames.append([box_at(x, y, occlusion=0)])
+        met.append(TIMES[k] + late)
+    steps = np.diff([boxes[0].center_lidar[0] for boxes in frames])
+    assert steps.min() < -2.95
+    assert steps.max() > -2.75
+    (track,) = smoothed_tracks(frames, TIMES, partial(time_passed, COARSE))
+    stretch = track.stretches[0]
+    np.testing.assert_allclose(stretch.times, met, atol=1e-3)
+    np.testing.assert_allclose(stretch.centers_lidar[:, 0], [boxes[0].center_lidar[0] for boxes in frames], atol=0.02)
+    for t in stretch.times:
+        np.testing.assert_allclose(stretch.twist(t)[:2], velocity, atol=0.3)
+
+
+def test_what_crosses_the_end_of_a_sweep_is_smooth_over_the_times_of_frames():
+    frames = [[box_at(-10.0, 0.5 * k - 3.0, occlusion=0)] for k in range(12)]
+    (track,) = smoothed_tracks(frames, TIMES, partial(time_passed, COARSE))
+    np.testing.assert_array_equal(track.stretches[0].times, TIMES[:12])
 
 
 def test_a_gap_makes_two_stretches_and_short_ones_are_left_as_they_are():

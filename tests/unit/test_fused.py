@@ -7,14 +7,15 @@ import pytest
 
 from registration import planar, se3
 from tests.segments import car_cloud, moving_tracklet, segment, steps
+from tracker.ego_motion.sweep import point_times
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
 from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene
-from tracker.estimators.fused.look import Look
+from tracker.estimators.fused.look import looked_at
 from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.sources import Expected, Laid, Learned, Shape
 from tracker.estimators.fused.track import Steps
-from tracker.types import EstimateStatus
+from tracker.types import EstimateStatus, Sweep
 
 
 def test_claims_are_scaled_and_doubt_adds_to_them():
@@ -34,7 +35,7 @@ def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     motion = planar.to_transform(np.array([0.8, 0.1, 0.02]), np.array([*place, 0.0]))
     expected = Expected(planar.to_transform(np.array([0.7, 0.1, 0.0]), np.zeros(3)), 0.3**2 * np.eye(2), 0.05**2)
     moved = se3.transform(motion, cloud)
-    newer = looked_at(moved, encoded(moved))
+    newer = kept(moved, encoded(moved))
     (found,) = Shape().compare([Laid(cloud, 0, place, expected)], [newer])
     np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
     assert found.turn == pytest.approx(0.02, abs=0.01)
@@ -54,7 +55,7 @@ def test_where_histograms_only_choose_between_two_places_the_outline_of_a_gap_is
     for told in (np.zeros((2, 2)), contrary):
         expected = Expected(moved_along, sure, 0.01**2, told)
         job = Laid(earlier, 0, earlier.mean(axis=0)[:2], expected)
-        (evidence[bool(told.any())],) = Shape().compare([job], [looked_at(later, encoded(later))])
+        (evidence[bool(told.any())],) = Shape().compare([job], [kept(later, encoded(later))])
     for found in evidence.values():
         assert found.information[0, 0] < 0.09**-2
         assert found.information[1, 1] > 0.05**-2
@@ -74,9 +75,11 @@ def test_many_comparisons_with_a_look_of_few_points_are_hardly_worth_more_than_o
     assert sum(information) < 3.0 * max(information)
 
 
-def looked_at(points, encoding, lags=None):
-    n_from_1m = len(points) * float(np.sum(points.mean(axis=0)[:2] ** 2))
-    return Look(points, len(points), n_from_1m, Sensor(np.zeros(2), 0.0), np.zeros(2), lags, True, encoding, 1)
+def kept(points, encoding, lags=None):
+    """Make a look, of a raw sweep where it is said how much later than the sensor's head each point was passed."""
+    sighting = look(replace(segment(points, 1), is_swept=lags is not None), None, undoes_sweep=True)
+    found = looked_at(sighting, Sensor(np.zeros(2), 0.0), encoding, knows_lasers=False)
+    return replace(found, points=points, lags=lags)
 
 
 def test_what_an_object_moved_while_the_beams_passed_it_is_undone():
@@ -87,9 +90,12 @@ def test_what_an_object_moved_while_the_beams_passed_it_is_undone():
     # clockwise: what is left was seen before
     seen[:, :2] += (-azimuth / (2.0 * np.pi) * 0.1 + lags)[:, None] * velocity
     assert np.abs(seen - cloud).max() > 0.05
-    straight = looked_at(seen, encoded(seen), lags).straightened(velocity, center)
+    bent = kept(seen, encoded(seen), lags)
+    assert bent.time == pytest.approx(0.1 + bent.delay)
+    cloud[:, :2] += (bent.delay - bent.sensor.delays(center[None])) * velocity
+    straight = bent.straightened(velocity)
     np.testing.assert_allclose(straight.points, cloud, atol=0.02)  # the bend moves the points' azimuths a little
-    assert straight.straightened(velocity, center) is straight
+    assert straight.straightened(velocity) is straight
 
 
 def test_a_close_car_that_is_bent_by_the_sweep_has_its_true_velocity():
@@ -132,13 +138,81 @@ def test_shapes_are_believed_less_the_farther_an_object_moved():
     found = {}
     for speed in (0.0, 15.0):
         for share in (0.0, 0.002):
-            estimator = FusedEstimator(settings=FusedSettings(shape_moved=share))
+            settings = FusedSettings(shape_moved=share, shape_turned=0.0, learned_turned=0.0)
+            estimator = FusedEstimator(settings=settings)
             for k in range(8):
                 one = segment(car_cloud(800, seed=k) + [10.0 - 0.1 * speed * k, 4.0, 0.0], k)
                 answer = estimator.step({one.track_id: one}, one.timestamp, None)[one.track_id]
             found[speed, share] = np.trace(answer.covariance)
     np.testing.assert_allclose(found[0.0, 0.002], found[0.0, 0.0], rtol=0.05)
     assert found[15.0, 0.002] > 1.3 * found[15.0, 0.0]
+
+
+def test_comparisons_are_believed_less_where_other_sides_are_seen():
+    """Along the way of a car that passes at 4 m; one that comes from afar at the same speed shows the same side."""
+    ratios = []
+    for x in (10.0, 40.0):
+        found = []
+        for turned in (0.0, 1.0):
+            settings = FusedSettings(shape_moved=0.0, shape_turned=0.02 * turned, learned_turned=0.2 * turned)
+            estimator = FusedEstimator(settings=settings)
+            for k in range(8):
+                one = segment(car_cloud(800, seed=k) + [x - 1.5 * k, 4.0, 0.0], k)
+                answer = estimator.step({one.track_id: one}, one.timestamp, None)[one.track_id]
+            found.append(np.trace(answer.covariance))
+        ratios.append(found[1] / found[0])
+    assert ratios[0] > 1.3
+    assert ratios[1] < 1.1
+
+
+def passing(velocity, sensor_velocity, k, sweep=None):
+    """Give frame k of a car that passes 4 m beside the sensor; each of its points is seen when the beams pass it.
+
+    Where its centre was when they did, in the world, and how long after the time of the frame.
+    """
+    cloud, t = car_cloud(1500, seed=k), 0.1 * k
+    delays, late = np.zeros(len(cloud)), 0.0
+    for _ in range(6):
+        seen = cloud + [40.0, 4.0, 0.0]
+        seen[:, :2] += np.outer(t + delays, velocity - sensor_velocity)
+        delays = -np.arctan2(seen[:, 1], seen[:, 0]) / (2.0 * np.pi) * 0.1
+        x, y = np.array([40.0, 4.0]) + (t + late) * (velocity - sensor_velocity)
+        late = -np.arctan2(y, x) / (2.0 * np.pi) * 0.1
+    look_time = float(point_times(seen, Sweep(np.zeros(6))).mean()) if sweep else 0.0
+    one = replace(segment(seen, k), is_swept=True, sweep=sweep, timestamp=t + look_time, seen_after=look_time)
+    return one, late
+
+
+@pytest.mark.parametrize("in_world", [False, True])
+def test_what_passes_fast_is_told_by_the_time_between_frames_or_between_looks(in_world):
+    """At 30 m/s and 4 m, looks are a tenth less than a frame apart, so labels move by a tenth less."""
+    velocity, sensor_velocity = np.array([-15.0, 0.0]), np.array([15.0, 0.0])
+    true = velocity if in_world else velocity - sensor_velocity
+    for sweep in (None, Sweep(np.array([15.0, 0.0, 0.0, 0.0, 0.0, 0.0]), to_frame_time=in_world)):
+        estimator, before, seeming = create_estimator("fused"), None, []
+        for k in range(18):
+            one, late = passing(velocity, sensor_velocity, k, sweep)
+            T_world_lidar = se3.from_yaw(0.0, np.array([1.5 * k, 0.0, 0.0])) if in_world else None
+            answer = estimator.step({one.track_id: one}, 0.1 * k, T_world_lidar)[one.track_id]
+            if k > 6:
+                by_clock = 1.0 if sweep else 1.0 + (late - before) / 0.1
+                np.testing.assert_allclose(answer.velocity, by_clock * true, atol=0.25)
+                seeming.append(by_clock)
+            before = late
+        assert sweep is not None or min(seeming) < 0.92
+
+
+def test_an_object_right_behind_is_not_known_by_the_time_between_frames():
+    """It drifts across the direction in which sweeps end: seen late in one, early in the next, it moves for 0 ms."""
+    estimator, found = create_estimator("fused"), []
+    for k in range(12):
+        cloud = car_cloud(400, seed=k) + [-20.0, 3.3 - 0.6 * k, 0.0]
+        one = replace(segment(cloud, k), is_swept=True)
+        found.append(estimator.step({one.track_id: one}, 0.1 * k, None)[one.track_id])
+    sd = np.array([np.sqrt(answer.covariance[1, 1]) for answer in found[2:]])
+    assert sd.max() > 3.0  # where it crosses
+    assert np.median(sd) < 0.5
+    assert all(np.abs(answer.velocity[1]) < 12.0 for answer in found)
 
 
 def test_what_straddles_the_end_of_a_sweep_is_put_together_and_believed_less():
@@ -148,11 +222,11 @@ def test_what_straddles_the_end_of_a_sweep_is_put_together_and_believed_less():
     seen = cloud.copy()
     seen[:, :2] += (sensor.delays(cloud[:, :2]) - sensor.delays(center[None]))[:, None] * velocity
     assert np.abs(seen - cloud).max() == pytest.approx(0.2, abs=0.01)
-    look_behind = looked_at(seen, encoded(seen), np.zeros(len(seen))).seen_by(sensor, center)
-    assert look_behind.is_torn
-    np.testing.assert_allclose(look_behind.straightened(velocity, center).points, cloud, atol=0.01)
-    ahead = looked_at(-seen, encoded(-seen), np.zeros(len(seen))).seen_by(sensor, -center)
-    assert not ahead.is_torn
+    behind = kept(seen, encoded(seen), np.zeros(len(seen)))
+    assert behind.is_torn
+    cloud[:, :2] += (behind.delay - sensor.delays(center[None])) * velocity
+    np.testing.assert_allclose(behind.straightened(velocity).points, cloud, atol=0.01)
+    assert not kept(-seen, encoded(-seen), np.zeros(len(seen))).is_torn
     sure = []
     for place in (10.0, -10.0):
         estimator = create_estimator("fused")
@@ -188,7 +262,7 @@ def test_persons_are_shown_to_the_network_for_persons():
     assert car.network.name == "alignnet"
     assert cyclist.network is pedestrian.network
     assert pedestrian.network.name == "alignnet-persons"
-    a, b, c = (looked_at(person, encoding) for encoding in (car, cyclist, pedestrian))
+    a, b, c = (kept(person, encoding) for encoding in (car, cyclist, pedestrian))
     mixed, same = learned.ask([(a, b), (b, c)])
     assert mixed is None
     np.testing.assert_allclose(same.T_target_source[:2, 3], 0.0, atol=0.1)
@@ -199,7 +273,18 @@ def seen_steps(places, velocities, sd, n=4):
     frames, lengths, none = np.arange(1, n + 1), np.ones(n, dtype=np.int64), np.zeros((n, 2, 2))
     covariances = [np.tile(s**2 * np.eye(2), (n, 1, 1)) for s in sd]
     return [
-        Steps(frames, frames, lengths, *(np.tile(x, (n, 1)) for x in pair), C, none, none[:, 0], np.zeros(2), 0.0)
+        Steps(
+            frames,
+            frames,
+            lengths,
+            *(np.tile(x, (n, 1)) for x in pair),
+            C,
+            none,
+            none[:, 0],
+            np.zeros(2),
+            0.0,
+            np.ones(n),
+        )
         for *pair, C in zip(places, velocities, covariances, strict=True)
     ]
 

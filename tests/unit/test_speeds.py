@@ -28,7 +28,9 @@ def seen(place, velocity, sd, slip=(0.0, 0.0)):
     place, velocity, slips = (np.tile(x, (N_STEPS, 1)).astype(np.float64) for x in (place, velocity, slip))
     covariances = np.tile(sd**2 * np.eye(2), (N_STEPS, 1, 1))
     doubts = np.zeros((N_STEPS, 2, 2))
-    return Steps(frames, frames, lengths, place, velocity, covariances, doubts, slips, place[-1], 0.0)
+    return Steps(
+        frames, frames, lengths, place, velocity, covariances, doubts, slips, place[-1], 0.0, np.ones(len(frames))
+    )
 
 
 def test_a_mixture_is_that_of_bayes_theorem():

@@ -89,7 +89,11 @@ def test_looks_at_objects_and_points_moved_to_them_come_back(training, tmp_path,
         assert len(set(found.seen_at.values())) > 1
         assert (found.ego_step_covariance is not None) == (frame.index in (2, 3))
         for key, segment in expected.segments.items():
-            assert found.segments[key].timestamp == segment.timestamp == found.time_of(key)
+            read = found.segments[key]
+            assert read.timestamp == segment.timestamp == pytest.approx(found.time_of(key), abs=1e-3)
+            assert read.timestamp - read.seen_after == pytest.approx(frame.timestamp)
+            assert (read.sweep.period, read.sweep.to_frame_time) == (segment.sweep.period, to_frame_time)
+            np.testing.assert_array_equal(read.sweep.twist_lidar, segment.sweep.twist_lidar)
             np.testing.assert_allclose(found.segments[key].points_lidar, segment.points_lidar, atol=1e-5)  # float32
     assert cut_sequence(opened(training), tmp_path / "store").manifest["deskewed"] is False
 
@@ -154,7 +158,7 @@ def test_the_manifest_says_what_was_cut(training, tmp_path):
     manifest = cut_into(training, tmp_path / "store").manifest
     assert manifest == json.loads((tmp_path / "store" / "0000" / "manifest.json").read_text())
     keys = ("format", "version", "sequence", "clock", "ego", "n_frames", "missing_scans")
-    assert [manifest[key] for key in keys] == ["regmot-segments", 4, "0000", "nominal 10 Hz", "none", 5, [3]]
+    assert [manifest[key] for key in keys] == ["regmot-segments", 5, "0000", "nominal 10 Hz", "none", 5, [3]]
 
 
 def test_a_sequence_without_any_scan_is_refused_and_nothing_is_written(tmp_path):

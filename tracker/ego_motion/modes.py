@@ -92,7 +92,7 @@ def with_ego(
         DataError: a scan is damaged.
     """
     if config.deskew:
-        sequence = replace(sequence, sweep=Sweep(np.zeros(6), to_frame_time=in_world), is_swept=False)
+        sequence = replace(sequence, sweep=Sweep(np.zeros(6), to_frame_time=in_world))
     is_left_open = config.kind == AUTO
     if is_left_open:
         config = replace(config, mode=best_estimate() if sequence.poses is None and in_world else NONE)

@@ -11,7 +11,7 @@ from registration.synthetic.lidar.motion import carried
 from registration.types import Points, Transform
 from tracker.types import Box, Segment, SegmentedFrame, Sweep, Twist
 
-__all__ = ["at_one_instant", "moved_to_frame_time", "point_times", "twist_of_step"]
+__all__ = ["looked_at", "moved_to_frame_time", "moved_to_one_instant", "point_times", "twist_of_step"]
 
 
 def point_times(points_lidar: Points, sweep: Sweep) -> Float64[np.ndarray, " n"]:
@@ -42,40 +42,51 @@ def moved_to_frame_time(points_lidar: Points, sweep: Sweep) -> Points:
     return carried(sweep.twist_lidar, point_times(points_lidar, sweep), points_lidar.T).T
 
 
-def at_one_instant(frame: SegmentedFrame, sweep: Sweep) -> SegmentedFrame:
-    """Move each object's points to one instant, by the sensor's motion, and note when the object was looked at.
+def moved_to_one_instant(points_lidar: Points, sweep: Sweep, seen_after: float) -> Points:
+    """Move an object's points by the sensor's motion: to the frame's time, or with `to_frame_time` off to the look's.
 
-    A look at an object is the mean time of its points (of its box's centre where it has none).  Points, box and ground
-    are brought to the frame's instant, or with `to_frame_time` off to that of the look.  The object's own motion
-    during the look, milliseconds long, stays.
+    The object's own motion during the look, milliseconds long, stays.
+
+    Args:
+        points_lidar: each in the sensor's frame at its own time [m].
+        sweep: how the sensor turns and moves.
+        seen_after: when the object was looked at, after the frame's time [s].
     """
-    looks = {track_id: _look_time(box, frame.segments.get(track_id), sweep) for track_id, box in frame.boxes.items()}
-    segments, boxes = {}, {}
+    points = moved_to_frame_time(points_lidar, sweep)
+    return points if sweep.to_frame_time else se3.transform(pose_after(sweep.twist_lidar, -seen_after), points)
+
+
+def looked_at(frame: SegmentedFrame, sweep: Sweep) -> SegmentedFrame:
+    """Note when each object was looked at, and bring boxes and ground to one instant, as `moved_to_one_instant` does.
+
+    A look at an object is the mean time of its points; one at its box is when the beams met its centre, where people
+    label what they see.
+    """
+    segments, boxes, seen_at = {}, {}, {}
     for track_id, box in frame.boxes.items():
-        T_then_look = pose_after(sweep.twist_lidar, looks[track_id]) if sweep.to_frame_time else np.eye(4)
-        boxes[track_id] = replace(box, T_lidar_obj=T_then_look @ box.T_lidar_obj)
+        met = _mean_time(box.center_lidar[None], sweep)
+        T_then_met = pose_after(sweep.twist_lidar, met) if sweep.to_frame_time else np.eye(4)
+        boxes[track_id] = replace(box, T_lidar_obj=T_then_met @ box.T_lidar_obj)
+        seen_at[track_id] = frame.timestamp + met
         segment = frame.segments.get(track_id)
         if segment is not None:
-            points = moved_to_frame_time(segment.points_lidar, sweep)
-            if not sweep.to_frame_time:
-                points = se3.transform(pose_after(sweep.twist_lidar, -looks[track_id]), points)
-            segments[track_id] = _looked_at(segment, points, boxes[track_id], frame, looks[track_id])
-    seen_at = {track_id: frame.timestamp + look for track_id, look in looks.items()}
+            is_seen = len(segment.points_lidar) > 0
+            look = _mean_time(segment.points_lidar, sweep) if is_seen else met
+            segments[track_id] = _timed(segment, look, sweep, boxes[track_id], frame)
     return replace(frame, segments=segments, boxes=boxes, seen_at=seen_at)
 
 
-def _look_time(box: Box, segment: Segment | None, sweep: Sweep) -> float:
-    has_points = segment is not None and len(segment.points_lidar) > 0
-    seen = segment.points_lidar if segment is not None and has_points else box.center_lidar[None]
-    return float(point_times(seen, sweep).mean())
+def _mean_time(points_lidar: Points, sweep: Sweep) -> float:
+    return float(point_times(points_lidar, sweep).mean())
 
 
-def _looked_at(segment: Segment, points: Points, box: Box, frame: SegmentedFrame, look: float) -> Segment:
+def _timed(segment: Segment, look: float, sweep: Sweep, box: Box, frame: SegmentedFrame) -> Segment:
     T_world_lidar = frame.T_world_lidar
     return replace(
         segment,
         timestamp=frame.timestamp + look,
-        points_lidar=points,
+        seen_after=look,
+        sweep=sweep,
         ground_z_lidar=box.ground_z_lidar,
         ground_z_world=None if T_world_lidar is None else box.ground_z_world(T_world_lidar),
     )

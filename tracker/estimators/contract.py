@@ -9,6 +9,7 @@ import numpy as np
 
 from registration import se3
 from registration.types import Point, Points, Transform
+from tracker.ego_motion.sweep import moved_to_one_instant
 from tracker.errors import InputError
 from tracker.smoothing import ACCELERATION_VARIANCE, Smoothing
 from tracker.types import (
@@ -63,18 +64,22 @@ class Sighting:
 
     Attributes:
         class_name: the data set's own word.
-        points: (n, 3) [m]; horizontal axes of the world or of the sensor.
+        points: (n, 3) [m]; horizontal axes of the world or of the sensor; of one instant where the segment has a sweep,
+            but for estimators that undo it themselves.
         centroid: mean of the points [m].
         midpoint: middle of the points' bounding box [m]: the reference point of displacements, since the
             centroid wanders with the density of the points.
-        timestamp: [s].
+        timestamp: [s]; of the look where `is_timed_by_look`, else of the frame.
+        frame_timestamp: of the frame [s].
         frame: number of the frame in its sequence.
         range_m: horizontal distance of the midpoint from the sensor [m].
         sensor: where the sensor is, horizontally (x, y), in the axes of the points [m].
         sensor_yaw: which way it looks, in the same axes [rad].
         in_world: whether the axes are the world's; else they are the sensor's, and turn with it.
         points_lidar: in the sensor's own axes (n, 3) [m].
-        is_swept: points are where they were, relative to the sensor, when the beams passed them.
+        is_swept: points are where they were, relative to the sensor, when the beams passed them, and the estimator is
+            one that undoes that.
+        is_timed_by_look: velocities are to be displacements over the time between looks, not over that between frames.
         lasers: name of the sensor's beam model; None where nobody knows it.
     """
 
@@ -83,6 +88,7 @@ class Sighting:
     centroid: Point
     midpoint: Point
     timestamp: float
+    frame_timestamp: float
     frame: int
     range_m: float
     sensor: Vector2
@@ -90,13 +96,24 @@ class Sighting:
     in_world: bool
     points_lidar: Points
     is_swept: bool = False
+    is_timed_by_look: bool = False
     lasers: str | None = None
 
 
-def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
-    """Bring a non-empty segment into the frame of its velocities."""
+def look(segment: Segment, T_world_lidar: Transform | None, undoes_sweep: bool = False) -> Sighting:
+    """Bring a non-empty segment into the frame of its velocities.
+
+    Args:
+        segment: of an object.
+        T_world_lidar: pose of the sensor; None for velocities relative to it.
+        undoes_sweep: the estimator undoes by itself what moved during the sweep: its points stay as they were seen.
+    """
     T = np.eye(4) if T_world_lidar is None else T_world_lidar
-    points = se3.transform(T, segment.points_lidar) - [0.0, 0.0, _ground_z(segment, T_world_lidar)]
+    is_swept = segment.is_swept and undoes_sweep
+    points_lidar = segment.points_lidar
+    if segment.sweep is not None and not is_swept:
+        points_lidar = moved_to_one_instant(points_lidar, segment.sweep, segment.seen_after)
+    points = se3.transform(T, points_lidar) - [0.0, 0.0, _ground_z(segment, T_world_lidar)]
     # column by column: over rows of three NumPy takes up to fifteen times as long
     midpoint = np.array([0.5 * (column.min() + column.max()) for column in points.T])
     sensor = T[:2, 3].copy()
@@ -106,13 +123,15 @@ def look(segment: Segment, T_world_lidar: Transform | None) -> Sighting:
         centroid=points.mean(axis=0),
         midpoint=midpoint,
         timestamp=segment.timestamp,
+        frame_timestamp=segment.timestamp - segment.seen_after,
         frame=segment.frame,
         range_m=float(np.hypot(*(midpoint[:2] - sensor))),
         sensor=sensor,
         sensor_yaw=se3.yaw(T),
         in_world=T_world_lidar is not None,
-        points_lidar=segment.points_lidar,
-        is_swept=segment.is_swept,
+        points_lidar=points_lidar,
+        is_swept=is_swept,
+        is_timed_by_look=segment.sweep is not None,
         lasers=segment.lasers,
     )
 
@@ -145,9 +164,14 @@ class FrameEstimator(ABC):
     """The shell of an estimator: keeps track of who is there, and deals with new and with empty segments.
 
     Subclasses fill in `measure` for the objects that have points; `forget` for those that are gone.
+
+    Attributes:
+        name: that tables print.
+        undoes_sweep: it undoes by itself what moved during a sweep, and is shown points as they were seen.
     """
 
     name: str
+    undoes_sweep: bool = False
 
     def __init__(self, smoothing: Smoothing) -> None:
         """Start with no tracks; `smoothing` is what `smooth` and `smoothed` do."""
@@ -185,7 +209,7 @@ class FrameEstimator(ABC):
                 self.forget(track_id)
                 del self._last[track_id]
         sightings = {
-            track_id: look(segment, T_world_lidar)
+            track_id: look(segment, T_world_lidar, self.undoes_sweep)
             for track_id, segment in segments.items()
             if len(segment.points_lidar)
         }
@@ -218,7 +242,7 @@ class FrameEstimator(ABC):
         fresh = self.fresh()
         causal = []
         for segment, T_world_lidar in zip(tracklet.segments, tracklet.T_world_lidar, strict=True):
-            step = fresh.step({tracklet.track_id: segment}, segment.timestamp, T_world_lidar)
+            step = fresh.step({tracklet.track_id: segment}, segment.timestamp - segment.seen_after, T_world_lidar)
             causal.append(step[tracklet.track_id])
         return self.smoothed(causal)
 

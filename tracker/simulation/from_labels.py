@@ -154,13 +154,14 @@ class LabelTake:
             raise DataError(folder / "label_02" / f"{name}.txt", "expected labels of objects, got none")
         n_frames = min(len(sequence), play.n_frames or len(sequence))
         calib_path = folder / "calib" / f"{name}.txt"
+        is_swept = play.recording.rolling_shutter and sequence.is_swept
+        seen_after = partial(time_passed, play.recording.beam_model) if is_swept else None
+        tracks = smoothed_tracks(map(sequence.boxes_of, range(len(sequence))), sequence.timestamps, seen_after)
         return LabelTake(
             name=name,
             play=play,
             n_frames=n_frames,
-            tracks=tuple(
-                _known(smoothed_tracks(map(sequence.boxes_of, range(len(sequence))), sequence.timestamps), name)
-            ),
+            tracks=tuple(_known(tracks, name)),
             calibration=read_tracking_calib(calib_path),
             projection=read_projection(calib_path),
             calib_text=calib_path.read_text(),

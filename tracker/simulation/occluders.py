@@ -53,7 +53,7 @@ def draw_hiding(track: Track, rng: np.random.Generator) -> Hiding:
     for part in track.stretches:
         frames = range(part.first, part.first + len(part.times))
         wanted = np.array([SHARES.get(track.occlusion[frame], -shift) + shift for frame in frames])
-        values = np.clip(smoothed(wanted[:, None])[:, 0], 0.0, 0.9)
+        values = np.clip(smoothed(wanted[:, None], np.arange(len(wanted), dtype=np.float64))[:, 0], 0.0, 0.9)
         shares.update(zip(frames, values.tolist(), strict=True))
     return Hiding(side, shares)
 

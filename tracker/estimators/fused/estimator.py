@@ -11,7 +11,7 @@ from registration import planar
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.look import Look, lags_of, thinned
+from tracker.estimators.fused.look import Look, looked_at
 from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.solving import solve
 from tracker.estimators.fused.sources import (
@@ -48,8 +48,11 @@ class FusedSettings:
             explains [m].
         single_point: standard deviation of where an object is by a single point of it; by n points, an n-th of that:
             which of its points are seen is chance [m].  These three are of a single comparison; see `_doubt`.
-        shape_moved: standard deviation of a comparison by shape along the way between the looks relative to the sensor,
-            as a share of it: other lasers meet the object, and see other sides of it.
+        shape_turned, learned_turned: standard deviation of a comparison along the way between the looks relative to the
+            sensor, by histograms or planes and by the network, for each radian that the object turned against the line
+            of sight: other sides of it are seen [m/rad].
+        shape_moved: standard deviation of a comparison by shape along that way, as a share of it: other lasers meet the
+            object.
         untimed_moved: the same where nobody knows when each laser fires.
         torn: standard deviation of a comparison by shape with a look of which the end of a sweep saw a part, and the
             start of the same one the rest: its label's box, of one moment, cuts off some of either [m].
@@ -75,6 +78,8 @@ class FusedSettings:
     shape_changed: float = 0.7
     learned_changed: float = 0.5
     single_point: float = 0.25
+    shape_turned: float = 0.02
+    learned_turned: float = 0.2
     shape_moved: float = 0.002
     untimed_moved: float = 0.008
     torn: float = 0.02
@@ -117,6 +122,7 @@ class FusedEstimator(FrameEstimator):
         """
         super().__init__(smoothing or WindowMean())
         self.settings = settings or FusedSettings()
+        self.undoes_sweep = self.settings.undoes_sweep
         self._shape, self._learned = Shape(), Learned()
         self._tracks: dict[int, Track] = {}
         self._axes = Heading(turns=False, n_frames=self.settings.motion.n_frames)
@@ -144,11 +150,10 @@ class FusedEstimator(FrameEstimator):
         if not sightings:
             return {}
         known = {key: self._tracks[key] for key in sightings if key in self._tracks}
-        sensor = self._begin_frame(sightings)
+        new = self._look(sightings, self._begin_frame(sightings))
         for key, track in known.items():
             pose_turn_sd = 0.0 if self._axes.turns else self.settings.pose_turn_sd
-            track.advance(sightings[key], self._axes, pose_turn_sd)
-        new = self._look(sightings, sensor)
+            track.advance(new[key], self._axes, pose_turn_sd)
         is_known = self._ask(known, new)
         is_laid = self._compare_shapes(known, new)
         solve([track.turn for track in known.values()])
@@ -158,6 +163,7 @@ class FusedEstimator(FrameEstimator):
             track.looks.append(new[key])
             if self.settings.refers_to_center:
                 track.refer_to_center()
+            track.note_met()
         self._start_tracks(sightings, new)
         steps = self._steps(known, next(iter(sightings.values())).in_world)
         return {key: _measurement(steps[key], key in is_known or key in is_laid) for key in known}
@@ -172,7 +178,7 @@ class FusedEstimator(FrameEstimator):
             else:
                 settled, self._common = scene.settle(own, self._common)
             steps = dict(zip(steps, settled, strict=True))
-        return {key: s.doubted() for key, s in steps.items()}
+        return {key: s.told() for key, s in steps.items()}
 
     def _begin_frame(self, sightings: Mapping[int, Sighting]) -> Sensor:
         """Go on with the axes if any object does, else begin them anew; tell how the sensor moves."""
@@ -181,7 +187,7 @@ class FusedEstimator(FrameEstimator):
             turns = self.settings.turns_axes and not any_one.in_world
             self._axes = Heading(turns=turns, n_frames=self.settings.motion.n_frames)
             self._common, self._sensor = scene.UNKNOWN, None
-        self._axes.advance(float(np.mean([sighting.timestamp for sighting in sightings.values()])))
+        self._axes.advance(any_one.frame_timestamp)
         now, before = Sensor(any_one.sensor, any_one.sensor_yaw), self._sensor
         if before is not None:
             seconds = self._axes.times[-1] - self._axes.times[-2]
@@ -189,23 +195,16 @@ class FusedEstimator(FrameEstimator):
             now = now.since(before, seconds)
             if not before.is_moving:  # what it saw then is put right
                 for track in self._tracks.values():
-                    track.looks[-1] = track.looks[-1].seen_by(before.as_of(now), track.centers()[-1])
+                    track.looks[-1] = track.looks[-1].seen_by(before.as_of(now))
         self._sensor = now
         return now
 
     def _look(self, sightings: Mapping[int, Sighting], sensor: Sensor) -> dict[int, Look]:
         encoded = self._learned.encode(list(sightings.values()))
-        looks = {}
-        for (key, s), learned in zip(sightings.items(), encoded, strict=True):
-            n_from_1m, track = len(s.points) * s.range_m**2, self._tracks.get(key)
-            lags, is_timed = lags_of(s, self.settings.knows_lasers) if self.settings.undoes_sweep else (None, True)
-            look = Look(
-                thinned(s.points), len(s.points), n_from_1m, sensor, np.zeros(2), lags, is_timed, learned, s.frame
-            )
-            if lags is not None:
-                look = look.seen_by(sensor, s.midpoint[:2] if track is None else track.centers()[-1])
-            looks[key] = look
-        return looks
+        return {
+            key: looked_at(sighting, sensor, learned, self.settings.knows_lasers)
+            for (key, sighting), learned in zip(sightings.items(), encoded, strict=True)
+        }
 
     def _ask(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
         """Hear the network's opinions of each object; say of which it has one."""
@@ -216,7 +215,8 @@ class FusedEstimator(FrameEstimator):
             if answer is not None:
                 track = known[key]
                 evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.at(-1 - lag))
-                doubt = self._doubt(self.settings.learned_changed, 0.0, track, lag, new[key])
+                doubts = self.settings.learned_changed, self.settings.learned_turned, 0.0
+                doubt = self._doubt(doubts, track, lag, new[key])
                 track.hear(lag, evidence, doubt, self._axes)
                 told[key] = track
         solve([track.place for track in told.values()], self._axes)
@@ -234,27 +234,37 @@ class FusedEstimator(FrameEstimator):
         found = self._shape.compare(laid, [new[key] for key in known])
         for (key, lag), evidence in zip(jobs, found, strict=True):
             by_change = self.settings.shape_changed if evidence.was_searched else 0.0
-            moved = self.settings.shape_moved if new[key].is_timed else self.settings.untimed_moved
-            doubt = self._doubt(by_change, moved, known[key], lag, new[key])
+            by_way = self.settings.shape_moved if new[key].is_timed else self.settings.untimed_moved
+            doubt = self._doubt((by_change, self.settings.shape_turned, by_way), known[key], lag, new[key])
             if new[key].is_torn or known[key].looks[-lag].is_torn:
                 doubt = doubt + self.settings.torn**2 * ONE
             known[key].hear(lag, evidence, doubt, self._axes)
         solve([track.place for track in known.values()], self._axes)
         return {key for key, _ in jobs}
 
-    def _doubt(self, by_change: float, by_way: float, track: Track, lag: int, new: Look) -> Square:
+    def _doubt(self, doubts: tuple[float, float, float], track: Track, lag: int, new: Look) -> Square:
         """Give the covariance that looks which differ, few points and a long way add to a comparison [m^2].
+
+        Args:
+            doubts: standard deviations by change, where nothing is shared; by turns, for each radian; by the way, for
+                each metre.
+            track: of the object.
+            lag: how many looks ago the earlier one was.
+            new: the later one.
 
         All comparisons with a look share the error that it has since it shows few points, or fewer than the other: it
         counts for so many times its variance as there are comparisons, so that many are worth no more than one.
         """
-        before, single = track.looks[-lag], self.settings.single_point
+        (by_change, by_turn, by_way), before, single = doubts, track.looks[-lag], self.settings.single_point
         older = math.sqrt(1.0 + track.place.n_told(lag))
         newer = math.sqrt(
             sum(len(_lags(len(track.looks), lags)) for lags in (self.settings.learned_lags, self.settings.shape_lags))
         )
         changed = by_change * track.changed(lag, new) * (older if before.n_from_1m < new.n_from_1m else newer)
-        x, y = (by_way * track.way(lag, new)).tolist() if by_way else (0.0, 0.0)
+        x, y = track.way(lag, new).tolist()
+        length = math.hypot(x, y)
+        share = math.hypot(by_way, by_turn * track.turned(lag, new) / length) if length > 0.0 else 0.0
+        x, y = share * x, share * y
         everywhere = changed**2 + (older * single / before.n_points) ** 2 + (newer * single / new.n_points) ** 2
         return np.array([[everywhere + x * x, x * y], [x * y, everywhere + y * y]])
 
@@ -291,9 +301,10 @@ class FusedEstimator(FrameEstimator):
                 continue
             rate_sd = own.motion.rate_sd * (1.0 if sighting.in_world else math.sqrt(2.0))
             models = replace(own.motion, rate_sd=rate_sd), own.turn
-            self._tracks[key] = Track.start(models, sighting, new[key], self._axes)
+            self._tracks[key] = Track.start(models, new[key], self._axes)
             if own.refers_to_center:
                 self._tracks[key].refer_to_center()
+            self._tracks[key].note_met()
 
 
 @cache

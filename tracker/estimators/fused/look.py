@@ -43,6 +43,7 @@ class Look:
         points: thinned [m].
         n_points: how many there were.
         n_from_1m: how many there would be, seen from 1 m.
+        middle: of the box around them, before any shift (2) [m].
         sensor: that saw them.
         shift: what was added to their places, since the sensor moved on until its beams passed them (2) [m]; in a world
             only, and where scans are raw sweeps.
@@ -51,56 +52,96 @@ class Look:
         is_timed: whether it is known when each point was seen: all are of one instant, or their lasers are known.
         learned: what the network makes of it.
         frame: number of the frame in its sequence.
+        time: when the beams passed the middle [s].
+        delay: how long after the time of the frame that was [s]; 0 where all points are of one instant.
+        clock: time that velocities count by [s]: that of the frame, or of the look where they are to be over that.
         is_torn: a part was seen at the end of the sweep, and the rest at its start.
+        late: how long after what the clock tells the beams met the object's centre [s]; see `Track.note_met`.
     """
 
     points: Points
     n_points: int
     n_from_1m: float
+    middle: Vector
     sensor: Sensor
     shift: Vector
     lags: Float64[np.ndarray, " n"] | None
     is_timed: bool
     learned: Encoding
     frame: int
+    time: float
+    delay: float
+    clock: float
     is_torn: bool = False
+    late: float = 0.0
 
-    def seen_by(self, sensor: Sensor, center: Vector) -> "Look":
+    def seen_by(self, sensor: Sensor) -> "Look":
         """Put its points to where the beams met them, by a sensor that moves as is now known; nothing to do where all
         points are of one instant.
 
         Args:
             sensor: that saw them.
-            center: of the object [m].
         """
         if self.lags is None:
             return self
-        shift, delays = sensor.missed(center), sensor.delays(self.points[:, :2] - self.shift, self.lags)
+        shift = self.delay * sensor.carried(self.middle)
         points = self.points.copy()
         points[:, :2] += shift - self.shift
-        return replace(
-            self, points=points, sensor=sensor, shift=shift, is_torn=bool(np.ptp(delays) > 0.5 * SWEEP_PERIOD)
-        )
+        return replace(self, points=points, sensor=sensor, shift=shift)
 
-    def straightened(self, velocity: Vector, center: Vector) -> "Look":
+    def straightened(self, velocity: Vector) -> "Look":
         """Undo what the object moved while the beams passed it, up to a decimetre at its ends when it is close.
+
+        Its points go to where they were at the time of the look.
 
         Args:
             velocity: of the object relative to the sensor [m/s].
-            center: of the object: its points go to where they were when the beams passed it [m].
         """
         if self.lags is None:
             return self
         points = self.points.copy()
         passed = self.sensor.delays(points[:, :2] - self.shift, self.lags)
-        points[:, :2] += (self.sensor.delays((center - self.shift)[None]) - passed)[:, None] * velocity
+        points[:, :2] += (self.delay - passed)[:, None] * velocity
         return replace(self, points=points, lags=None)
 
 
-def lags_of(sighting: Sighting, knows_lasers: bool) -> tuple[Float64[np.ndarray, " n"] | None, bool]:
-    """Give `Look.lags` and `Look.is_timed`, before a look is straightened; unknown lasers have no lags."""
-    if not sighting.is_swept:
-        return None, True
+def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_lasers: bool) -> Look:
+    """Make a look of what is seen of an object.
+
+    Args:
+        sighting: of it.
+        sensor: that saw it.
+        learned: what the network makes of it.
+        knows_lasers: whether it is known when each laser fires, if it is known which sensor's they are.
+    """
+    points, middle, delay, is_torn = thinned(sighting.points), sighting.midpoint[:2], 0.0, False
+    lags, is_timed, time = None, True, sighting.timestamp
+    if sighting.is_swept:
+        lags, is_timed = _lags(sighting, knows_lasers)
+        delay = float(sensor.delays(middle[None])[0])
+        is_torn = bool(np.ptp(sensor.delays(points[:, :2], lags)) > 0.5 * SWEEP_PERIOD)
+        time = sighting.frame_timestamp + delay
+    look = Look(
+        points=points,
+        n_points=len(sighting.points),
+        n_from_1m=len(sighting.points) * sighting.range_m**2,
+        middle=middle,
+        sensor=sensor,
+        shift=np.zeros(2),
+        lags=lags,
+        is_timed=is_timed,
+        learned=learned,
+        frame=sighting.frame,
+        time=time,
+        delay=delay,
+        clock=time if sighting.is_timed_by_look else sighting.timestamp,
+        is_torn=is_torn,
+    )
+    return look.seen_by(sensor)
+
+
+def _lags(sighting: Sighting, knows_lasers: bool) -> tuple[Float64[np.ndarray, " n"], bool]:
+    """Give `Look.lags` and `Look.is_timed` of a raw sweep; unknown lasers have no lags."""
     points_lidar = thinned(sighting.points_lidar)
     lasers = sighting.lasers if knows_lasers else None
     lags = None if lasers is None else firing_lags(points_lidar, beam_model(lasers))

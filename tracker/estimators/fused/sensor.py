@@ -58,7 +58,3 @@ class Sensor:
         ahead = np.arctan2(y, x) - self.yaw - 2.0 * np.pi / SWEEP_PERIOD * lags
         found: Float64[np.ndarray, " n"] = SWEEP_PERIOD * (0.5 - np.mod(ahead / (2.0 * np.pi) + 0.5, 1.0))
         return found
-
-    def missed(self, place: Vector) -> Vector:
-        """Give how far the sensor takes a place along from the time of the frame to when its beams pass it [m]."""
-        return self.delays(place[None])[0] * self.carried(place)
