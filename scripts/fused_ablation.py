@@ -48,6 +48,7 @@ def variants() -> dict[str, FusedSettings]:
         "doubt where looks differ": replace(whole, shape_changed=0.0, learned_changed=0.0),
         "doubt of few points": replace(whole, single_point=0.0),
         "doubt of long ways": replace(whole, shape_moved=0.0),
+        "doubt of other sides": replace(whole, shape_turned=0.0, learned_turned=0.0),
         "how well all agree": replace(whole, motion=replace(whole.motion, claimed=math.inf)),
         "looks that are off": replace(whole, weighs_looks=False),
         "motion during a sweep": replace(whole, undoes_sweep=False),
