@@ -154,7 +154,7 @@ def test_comparisons_are_believed_less_where_other_sides_are_seen():
     for x in (10.0, 40.0):
         found = []
         for turned in (0.0, 1.0):
-            settings = FusedSettings(shape_moved=0.0, shape_turned=0.02 * turned, learned_turned=0.2 * turned)
+            settings = FusedSettings(shape_moved=0.0, shape_turned=0.01 * turned, learned_turned=0.2 * turned)
             estimator = FusedEstimator(settings=settings)
             for k in range(8):
                 one = segment(car_cloud(800, seed=k) + [x - 1.5 * k, 4.0, 0.0], k)

@@ -78,7 +78,7 @@ class FusedSettings:
     shape_changed: float = 0.7
     learned_changed: float = 0.5
     single_point: float = 0.25
-    shape_turned: float = 0.02
+    shape_turned: float = 0.01
     learned_turned: float = 0.2
     shape_moved: float = 0.002
     untimed_moved: float = 0.008
@@ -257,9 +257,8 @@ class FusedEstimator(FrameEstimator):
         """
         (by_change, by_turn, by_way), before, single = doubts, track.looks[-lag], self.settings.single_point
         older = math.sqrt(1.0 + track.place.n_told(lag))
-        newer = math.sqrt(
-            sum(len(_lags(len(track.looks), lags)) for lags in (self.settings.learned_lags, self.settings.shape_lags))
-        )
+        n_lags = (len(_lags(len(track.looks), lags)) for lags in (self.settings.learned_lags, self.settings.shape_lags))
+        newer = math.sqrt(sum(n_lags))
         changed = by_change * track.changed(lag, new) * (older if before.n_from_1m < new.n_from_1m else newer)
         x, y = track.way(lag, new).tolist()
         length = math.hypot(x, y)

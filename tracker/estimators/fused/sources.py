@@ -267,6 +267,11 @@ def _inverse(covariance: Square) -> Square:
 
 def _without(information: Square, prior: Square) -> Square:
     """Take out what a prior knew; directions that nothing else told of are left without information."""
-    values, axes = np.linalg.eigh(information - prior)
-    values = np.where(values > LEAST * np.trace(information), values, 0.0)
+    left: Square = information - prior
+    (a, b), (_, c) = left.tolist()
+    least = LEAST * float(information[0, 0] + information[1, 1])
+    if a > least and (a - least) * (c - least) > b * b:  # all directions are left
+        return left
+    values, axes = np.linalg.eigh(left)
+    values = np.where(values > least, values, 0.0)
     return (axes * values) @ axes.T

@@ -142,15 +142,17 @@ class Track:
 
     def way(self, lag: int, new: Look) -> Vector:
         """Give how far it has moved since an earlier look, relative to the sensor (2) [m]."""
-        way: Vector = self.place.at(-1) - self.place.at(-1 - lag) - (new.sensor.place - self.looks[-lag].sensor.place)
+        place = self.place.state
+        way: Vector = place[-1, 0] - place[-1 - lag, 0] - (new.sensor.place - self.looks[-lag].sensor.place)
         return way
 
     def turned(self, lag: int, new: Look) -> float:
         """Say by how much it has turned against the line of sight since an earlier look [rad]."""
-        before, turns = self.looks[-lag], self.turn.state[:, 0, 0]
-        x, y = (self.place.at(-1) - new.sensor.place).tolist()
-        p, q = (self.place.at(-1 - lag) - before.sensor.place).tolist()
-        return abs(planar.wrap(math.atan2(y, x) - math.atan2(q, p) - float(turns[-1] - turns[-1 - lag])))
+        place, turn, before = self.place.state, self.turn.state, self.looks[-lag]
+        x, y = (place[-1, 0] - new.sensor.place).tolist()
+        p, q = (place[-1 - lag, 0] - before.sensor.place).tolist()
+        own = float(turn[-1, 0, 0] - turn[-1 - lag, 0, 0])
+        return abs(planar.wrap(math.atan2(y, x) - math.atan2(q, p) - own))
 
     def refer_to_center(self) -> None:
         """Let the network's opinion of the latest look count for where the centre is."""
@@ -184,7 +186,7 @@ class Track:
         """Read what is known now of each step; errors have so large a share of the windows' covariances."""
         centers, numbers = self.centers(), np.array(self.place.axes)
         seconds = np.diff(self.place.times)[:, None]
-        by_clock = np.maximum(np.diff([look.clock for look in self.looks]), SHORTEST_STEP)
+        clocks = np.maximum(np.diff([look.clock for look in self.looks]), SHORTEST_STEP)
         turned, turns, _ = self.turn.steps()
         moved, known, shaken = self.place.steps()
         arms = centers - self.place.state[:, 0]
@@ -204,7 +206,7 @@ class Track:
             slips=_slips(np.diff(numbers), fewest, seconds[:, 0]),
             center=centers[-1],
             yaw_rate=float(turned[-1, 0] / seconds[-1, 0]),
-            by_clock=1.0 + np.diff([look.late for look in self.looks]) / by_clock,
+            by_clock=1.0 + np.diff([look.late for look in self.looks]) / clocks,
         )
 
     def step_covariance(self, lag: int) -> Square:
