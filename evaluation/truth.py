@@ -9,6 +9,7 @@ from jaxtyping import Float64, Int64
 
 from registration import se3
 from registration.types import Transform
+from tracker.ego_motion.sweep import LEAST_SHARE
 from tracker.errors import MissingDataError
 from tracker.kitti.truth import ExactPose
 from tracker.types import WORLD, SegmentedFrame, Vector2
@@ -16,7 +17,6 @@ from tracker.types import WORLD, SegmentedFrame, Vector2
 TRUTHS = ("labels", "smoothed", "exact")
 
 WINDOW, ORDER = 9, 2  # of the Savitzky-Golay filter [frames]
-LEAST_SHARE = 0.5  # of the time between two frames that lies between the looks at an object, for it to have a velocity
 
 # A parked object's label centres stay together and go nowhere.  Labels jitter by 0.03-0.05 m and poses drift
 # by 0.1 m/s at most over a track's life, so a steady 0.3 m/s that stands out of the jitter is motion.

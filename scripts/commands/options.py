@@ -15,7 +15,9 @@ Clock = Annotated[str, typer.Option(help="auto: recorded times where there are a
 Ego = Annotated[
     str, typer.Option(help="auto, poses, oxts, odometry, refined, refined-smooth, none; refined:odometry starts there")
 ]
-Deskew = Annotated[bool, typer.Option(help="raw sweeps: undo the ego's motion, and take the time between looks at an object")]
+Deskew = Annotated[
+    bool, typer.Option(help="raw sweeps: undo the ego's motion, and take the time between looks at an object")
+]
 BeamAngles = Annotated[bool, typer.Option(help="in odometry, correct KITTI's beams by 0.205 degrees")]
 Split = Annotated[str, typer.Option(help="all, id-train|val|test (as published), sequence-train|val|test")]
 Ranges = Annotated[str, typer.Option("--range", help="upper ends of the table's ranges [m]")]

@@ -1,6 +1,6 @@
 """Velocity by registration: frames, reference point, empty segments, gaps, and each segment prepared once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -78,6 +78,19 @@ def test_no_points_hold_the_last_velocity_with_growing_doubt():
     assert known.covariance[0, 0] < held.covariance[0, 0] < again.covariance[0, 0]
     back = estimator.step({7: moving_tracklet((3.0, 0.0), n_frames=6).segments[5]}, 0.5, None)[7]
     np.testing.assert_allclose(back.velocity, [3.0, 0.0], atol=1e-4)  # over 0.3 s
+
+
+def test_a_look_that_comes_next_to_no_time_after_the_last_tells_of_no_velocity():
+    """What crosses the end of a sweep is seen at 0.249 and again at 0.251 s, hardly moved, and then 0.1 s later."""
+    estimator, tracklet = create_estimator("icp"), moving_tracklet((3.0, 0.0), n_frames=5, dt=0.1)
+    lates, found = (0.049, 0.049, 0.049, -0.049, -0.049), []
+    for k, (one, late) in enumerate(zip(tracklet.segments, lates, strict=True)):
+        points = one.points_lidar + [3.0 * late + (0.01 if k == 3 else 0.0), 0.0, 0.0]
+        timed = replace(one, points_lidar=points, timestamp=one.timestamp + late, seen_after=late)
+        found.append(estimator.step({7: timed}, one.timestamp, None)[7])
+    assert found[3].status is EstimateStatus.NO_POINTS
+    for estimate in found[1:]:
+        np.testing.assert_allclose(estimate.velocity, [3.0, 0.0], atol=1e-3)
 
 
 def test_a_track_that_was_away_starts_anew():

@@ -11,7 +11,11 @@ from registration.synthetic.lidar.motion import carried
 from registration.types import Points, Transform
 from tracker.types import Box, Segment, SegmentedFrame, Sweep, Twist
 
-__all__ = ["looked_at", "moved_to_frame_time", "moved_to_one_instant", "point_times", "twist_of_step"]
+__all__ = ["LEAST_SHARE", "looked_at", "moved_to_frame_time", "moved_to_one_instant", "point_times", "twist_of_step"]
+
+# Of the time between two frames that lies between two looks at an object, for these to tell of a velocity.  What
+# crosses the direction in which sweeps end, against their turn, is seen at the end of one and the start of the next.
+LEAST_SHARE = 0.5
 
 
 def point_times(points_lidar: Points, sweep: Sweep) -> Float64[np.ndarray, " n"]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from registration import se3
 from registration.types import Point, Points, Transform
-from tracker.ego_motion.sweep import moved_to_one_instant
+from tracker.ego_motion.sweep import LEAST_SHARE, moved_to_one_instant
 from tracker.errors import InputError
 from tracker.smoothing import ACCELERATION_VARIANCE, Smoothing
 from tracker.types import (
@@ -177,6 +177,7 @@ class FrameEstimator(ABC):
         """Start with no tracks; `smoothing` is what `smooth` and `smoothed` do."""
         self.smoothing = smoothing
         self._last: dict[int, VelocityEstimate] = {}
+        self._looked: dict[int, tuple[float, float]] = {}  # time of the latest look at each, and of its frame [s]
 
     @abstractmethod
     def measure(self, sightings: Mapping[int, Sighting]) -> dict[int, Measurement]:
@@ -208,11 +209,14 @@ class FrameEstimator(ABC):
             if track_id not in segments or last.frame_name != frame_name:
                 self.forget(track_id)
                 del self._last[track_id]
+                self._looked.pop(track_id, None)
         sightings = {
             track_id: look(segment, T_world_lidar, self.undoes_sweep)
             for track_id, segment in segments.items()
             if len(segment.points_lidar)
         }
+        if not self.undoes_sweep:
+            sightings = {track_id: s for track_id, s in sightings.items() if self._takes_time(track_id, s)}
         measured = self.measure(sightings)
         estimates = {}
         for track_id, segment in segments.items():
@@ -225,6 +229,14 @@ class FrameEstimator(ABC):
             estimates[track_id] = _estimate(segment, sightings.get(track_id), found, frame_name, timestamp)
         self._last = estimates
         return estimates
+
+    def _takes_time(self, track_id: int, sighting: Sighting) -> bool:
+        """Say whether a look comes long enough after the one before to tell of a velocity, and note it if it does."""
+        now, before = (sighting.timestamp, sighting.frame_timestamp), self._looked.get(track_id)
+        if before is not None and now[0] - before[0] <= LEAST_SHARE * (now[1] - before[1]):
+            return False
+        self._looked[track_id] = now
+        return True
 
     def _check(self, segments: Mapping[int, Segment], timestamp: float) -> None:
         for track_id, segment in segments.items():

@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 from registration import se3
 from registration.synthetic.lidar import twist_between
 from registration.types import Point, Transform
+from tracker.ego_motion.sweep import LEAST_SHARE
 from tracker.types import Box
 
 WINDOW, ORDER = 9, 2  # of the local polynomials [frames]
-LEAST_SHARE = 0.5  # of the time between two frames that lies between the looks at an object, in any stretch
 STEP = 1e-3  # of the difference that stands for a derivative [s]
 
 # The way that legs and pedals know of is that over the ground, but labels tell of the way relative to the sensor, which
