@@ -20,10 +20,10 @@ from jaxtyping import Float64
 
 from evaluation.compare import run_causal
 from evaluation.truth import true_velocities
+from tracker.ego_motion.modes import EgoConfig, with_ego
 from tracker.errors import InputError
 from tracker.estimators import Estimator, create_estimator
 from tracker.estimators.fused import FusedEstimator, FusedSettings
-from tracker.estimators.fused.sensor import Sensor
 from tracker.kitti import open_sequences
 from tracker.store import cut_sequence
 from tracker.types import SENSOR, WORLD, EstimateStatus, VelocityEstimate
@@ -39,7 +39,6 @@ ESTIMATORS: dict[str, Callable[[], Estimator]] = {
 }
 RANGE = 40.0  # objects farther away do not count [m]
 FEWEST = 3  # parked objects in a frame for it to count
-MOST_LATE = 0.5  # of a step, by which a look comes late, for the step to count
 
 Rows = Float64[np.ndarray, "k d"]
 
@@ -50,19 +49,19 @@ def main() -> None:
     left: dict[str, list[tuple[Rows, float, int]]] = {name: [] for name in ESTIMATORS}
     with TemporaryDirectory() as folder:
         for sequence in open_sequences(Path(root), tuple(names)):
-            store = cut_sequence(sequence, Path(folder))
+            # what stands moves as one over the times of looks only
+            looked_at = with_ego(sequence, EgoConfig(deskew=sequence.is_swept), in_world=False)
+            store = cut_sequence(looked_at, Path(folder))
             truth = true_velocities(list(store.frames()), WORLD, "smoothed")
             for name, create in ESTIMATORS.items():
                 tracklets, _ = run_causal(create(), store, CLASSES, SENSOR)
-                parked: dict[int, list[tuple[VelocityEstimate, float]]] = defaultdict(list)
-                for tracklet in tracklets:
-                    for before, now in zip(tracklet, tracklet[1:], strict=False):
-                        true = truth.get((now.track_id, now.frame))
-                        is_seen = now.n_points > 0 and now.status is not EstimateStatus.NEW_TRACK
-                        if true is not None and true.is_parked and true.range_m < RANGE and is_seen:
-                            parked[now.frame].append((now, now.timestamp - before.timestamp))
-                frames = [columns(found, sequence.is_swept) for found in parked.values()]
-                left[name] += [residuals(*frame) for frame in frames if len(frame[0]) >= FEWEST]
+                parked: dict[int, list[VelocityEstimate]] = defaultdict(list)
+                for estimate in (e for tracklet in tracklets for e in tracklet):
+                    true = truth.get((estimate.track_id, estimate.frame))
+                    is_told = estimate.status not in (EstimateStatus.NEW_TRACK, EstimateStatus.NO_POINTS)
+                    if true is not None and true.is_parked and true.range_m < RANGE and is_told:
+                        parked[estimate.frame].append(estimate)
+                left[name] += [residuals(*columns(found)) for found in parked.values() if len(found) >= FEWEST]
     rows = []
     for name, found in left.items():
         if not found:
@@ -74,22 +73,10 @@ def main() -> None:
     print_table(["estimator", "frames", "n", "RMS [m/s]", "squared distance / its expectation"], rows)
 
 
-def columns(
-    found: list[tuple[VelocityEstimate, float]], is_swept: bool
-) -> tuple[Rows, Rows, Float64[np.ndarray, "k 2 2"]]:
-    """Give places and velocities of a frame's objects, as if all were seen at the time of the frame, and covariances.
-
-    A raw sweep meets an object whose direction changes earlier or later than the one before did; what crosses the
-    direction in which sweeps end is left out.
-    """
-    places, velocities = (np.array([getattr(e, key) for e, _ in found]) for key in ("position", "velocity"))
-    covariances = np.array([e.covariance for e, _ in found])
-    if not is_swept:
-        return places, velocities, covariances
-    seconds, sensor = np.array([dt for _, dt in found]), Sensor(np.zeros(2), 0.0)
-    took = 1.0 + (sensor.delays(places) - sensor.delays(places - seconds[:, None] * velocities)) / seconds
-    kept = np.abs(took - 1.0) < MOST_LATE
-    return places[kept], (velocities / took[:, None])[kept], covariances[kept]
+def columns(found: list[VelocityEstimate]) -> tuple[Rows, Rows, Float64[np.ndarray, "k 2 2"]]:
+    """Put places, velocities and covariances of a frame's objects side by side."""
+    places, velocities = (np.array([getattr(e, key) for e in found]) for key in ("position", "velocity"))
+    return places, velocities, np.array([e.covariance for e in found])
 
 
 def residuals(places: Rows, velocities: Rows, covariances: Float64[np.ndarray, "k 2 2"]) -> tuple[Rows, float, int]:
