@@ -207,7 +207,7 @@ class EstimateStatus(str, Enum):
     NO_OVERLAP = "no-overlap"
     NOT_CONVERGED = "not-converged"
     NEW_TRACK = "new-track"  # seen for the first time: nothing can be known of its velocity
-    NO_POINTS = "no-points"  # the box is empty: the velocity is the last one, less sure
+    NO_POINTS = "no-points"  # the box is empty, or seen next to no time after the last look: the last velocity
 
     def __str__(self) -> str:
         return self.value

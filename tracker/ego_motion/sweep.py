@@ -11,7 +11,15 @@ from registration.synthetic.lidar.motion import carried
 from registration.types import Points, Transform
 from tracker.types import Box, Segment, SegmentedFrame, Sweep, Twist
 
-__all__ = ["LEAST_SHARE", "looked_at", "moved_to_frame_time", "moved_to_one_instant", "point_times", "twist_of_step"]
+__all__ = [
+    "LEAST_SHARE",
+    "azimuth_times",
+    "looked_at",
+    "moved_to_frame_time",
+    "moved_to_one_instant",
+    "point_times",
+    "twist_of_step",
+]
 
 # Of the time between two frames that lies between two looks at an object, for these to tell of a velocity.  What
 # crosses the direction in which sweeps end, against their turn, is seen at the end of one and the start of the next.
@@ -24,8 +32,12 @@ def point_times(points_lidar: Points, sweep: Sweep) -> Float64[np.ndarray, " n"]
     KITTI stores no time with a point; its direction tells it.  The lasers of an HDL-64E look up to some degrees past
     their head, which is left out: a degree is 0.28 ms.
     """
+    return azimuth_times(np.arctan2(points_lidar[:, 1], points_lidar[:, 0]), sweep)
+
+
+def azimuth_times(azimuth: Float64[np.ndarray, " n"], sweep: Sweep) -> Float64[np.ndarray, " n"]:
+    """Tell when the sensor's head points to sides [rad], after the moment at which it points forward [s]."""
     sense = -1.0 if sweep.is_clockwise else 1.0
-    azimuth = np.arctan2(points_lidar[:, 1], points_lidar[:, 0])
     since_cut = np.mod(sense * (azimuth - sweep.cut_azimuth) / (2.0 * np.pi), 1.0)
     forward = np.mod(-sense * sweep.cut_azimuth / (2.0 * np.pi), 1.0)
     return sweep.period * (since_cut - forward)

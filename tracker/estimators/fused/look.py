@@ -9,7 +9,7 @@ from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
 from registration.synthetic.lidar import beam_model, firing_lags
 from registration.types import Points
 from tracker.estimators.contract import Sighting
-from tracker.estimators.fused.sensor import SWEEP_PERIOD, Sensor
+from tracker.estimators.fused.sensor import SWEEP, Sensor
 from tracker.estimators.fused.window import Vector
 
 Networks = AlignNetCars | AlignNetPersons
@@ -117,9 +117,9 @@ def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_laser
     points, middle, delay, is_torn = thinned(sighting.points), sighting.midpoint[:2], 0.0, False
     lags, is_timed, time = None, True, sighting.timestamp
     if sighting.is_swept:
-        lags, is_timed = _lags(sighting, knows_lasers)
+        lags, is_timed = _timing(sighting, knows_lasers)
         delay = float(sensor.delays(middle[None])[0])
-        is_torn = bool(np.ptp(sensor.delays(points[:, :2], lags)) > 0.5 * SWEEP_PERIOD)
+        is_torn = bool(np.ptp(sensor.delays(points[:, :2], lags)) > 0.5 * SWEEP.period)
         time = sighting.frame_timestamp + delay
     look = Look(
         points=points,
@@ -140,7 +140,7 @@ def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_laser
     return look.seen_by(sensor)
 
 
-def _lags(sighting: Sighting, knows_lasers: bool) -> tuple[Float64[np.ndarray, " n"], bool]:
+def _timing(sighting: Sighting, knows_lasers: bool) -> tuple[Float64[np.ndarray, " n"], bool]:
     """Give `Look.lags` and `Look.is_timed` of a raw sweep; unknown lasers have no lags."""
     points_lidar = thinned(sighting.points_lidar)
     lasers = sighting.lasers if knows_lasers else None

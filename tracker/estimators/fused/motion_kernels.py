@@ -10,8 +10,6 @@ from numba import njit
 
 from tracker.estimators.fused import heavy_tails
 
-LEAST_STEP = 0.05  # that tells of a velocity by its places [s]
-
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
@@ -70,7 +68,7 @@ def advance(state, covariance, dt, turned, density, shake, is_full):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def steps(state, covariance, times, shakes, density, tail, D):
+def steps(state, covariance, times, tells, shakes, density, tail, D):
     """Give how far the object moved from frame to frame, without what only its frames' axes shook (n - 1, D).
 
     Between two rates, a motion of nearly constant rate leaves a displacement as open as `density` dt^3 / 12 about their
@@ -88,8 +86,8 @@ def steps(state, covariance, times, shakes, density, tail, D):
         both = np.ascontiguousarray(state[j : j + 2]).reshape(4 * D)
         surprise = both @ information(dt, density, shakes[j + 1], D) @ both
         own = density * dt**3 / 12.0 / heavy_tails.weight(tail, 2 * D, surprise) * one
-        # the share of the shake; where next to no time lies between two looks, their places tell of no velocity
-        shake = shakes[j + 1] @ np.linalg.inv(shakes[j + 1] + own) if dt > LEAST_STEP else one
+        # the share of the shake: all, where places do not tell of a velocity
+        shake = shakes[j + 1] @ np.linalg.inv(shakes[j + 1] + own) if tells[j] else one
         J[:, :D], J[:, 2 * D : 3 * D] = shake - one, one - shake
         J[:, D : 2 * D] = J[:, 3 * D :] = 0.5 * dt * shake
         joint = np.ascontiguousarray(covariance[first : first + 4 * D, first : first + 4 * D])

@@ -6,9 +6,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import planar
+from tracker.ego_motion.sweep import azimuth_times
 from tracker.estimators.fused.window import Vector
+from tracker.types import Sweep
 
-SWEEP_PERIOD = 0.1  # of a sensor that turns clockwise, seen from above, as KITTI's does [s]
+SWEEP = Sweep(np.zeros(6))  # of a sensor that turns clockwise, seen from above, 10 times a second, as KITTI's does
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,4 @@ class Sensor:
             lags: how much later than the sensor's head each is passed (n) [s].
         """
         x, y = (places - self.place).T
-        ahead = np.arctan2(y, x) - self.yaw - 2.0 * np.pi / SWEEP_PERIOD * lags
-        found: Float64[np.ndarray, " n"] = SWEEP_PERIOD * (0.5 - np.mod(ahead / (2.0 * np.pi) + 0.5, 1.0))
-        return found
+        return azimuth_times(np.arctan2(y, x) - self.yaw - 2.0 * np.pi / SWEEP.period * lags, SWEEP)

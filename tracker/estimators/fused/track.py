@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from registration import planar
+from tracker.ego_motion.sweep import LEAST_SHARE
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look
+from tracker.estimators.fused.sensor import SWEEP
 from tracker.estimators.fused.sources import Evidence
 from tracker.estimators.fused.window import SHORTEST_STEP, MotionModel, Square, Vector, Window
 
@@ -18,7 +20,6 @@ LEAST_SD = 0.01  # of a velocity [m/s]
 # (n + 1)^2, by so much along each axis.  Of 1117 first steps in scenes of our own (seeds 31, 32, 41 to 44) shapes were
 # more than 1 m off in 20 % of those of one point, 4 % of those of two to five, 2 % up to eight, 1 % up to 40.
 SLIP_SD = 1.2  # [m]
-CROSSING = 0.5  # change of the time between two looks, in steps, that only crossing the end of a sweep makes
 FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
 
@@ -54,17 +55,10 @@ class Steps:
     by_clock: Float64[np.ndarray, " n"]
 
     def told(self) -> "Steps":
-        """Give velocities by the clock, and add the doubts to their covariances.
-
-        Of what crosses the direction in which sweeps end, the clock knows no velocity: it is anything between none and
-        twice its own.
-        """
-        crosses = np.abs(self.by_clock - 1.0) > CROSSING
-        factors = np.where(crosses, 1.0, self.by_clock)[:, None]
-        velocities = factors * self.velocities
+        """Give velocities by the clock, and add the doubts to their covariances."""
+        factors = self.by_clock[:, None]
         covariances = factors[:, None] ** 2 * (self.covariances + self.doubts)
-        unknown = crosses[:, None, None] * velocities[:, :, None] * velocities[:, None, :]
-        return replace(self, velocities=velocities, covariances=covariances + unknown)
+        return replace(self, velocities=factors * self.velocities, covariances=covariances)
 
 
 @dataclass
@@ -183,30 +177,42 @@ class Track:
         return found
 
     def steps(self, share: float) -> Steps:
-        """Read what is known now of each step; errors have so large a share of the windows' covariances."""
+        """Read what is known now of each step; errors have so large a share of the windows' covariances.
+
+        Over the time between frames, what crosses the direction in which sweeps end has no velocity: its label moves
+        for anything between no time and twice as long.
+        """
         centers, numbers = self.centers(), np.array(self.place.axes)
-        seconds = np.diff(self.place.times)[:, None]
-        clocks = np.maximum(np.diff([look.clock for look in self.looks]), SHORTEST_STEP)
-        turned, turns, _ = self.turn.steps()
-        moved, known, shaken = self.place.steps()
+        seconds, late, clocks, frames = np.diff(
+            [
+                (time, look.late, look.clock, look.time - look.delay)
+                for time, look in zip(self.place.times, self.looks, strict=True)
+            ],
+            axis=0,
+        ).T
+        tells, crosses = seconds > LEAST_SHARE * frames, np.abs(late) > 0.5 * SWEEP.period
+        turned, turns, _ = self.turn.steps(tells)
+        moved, known, shaken = self.place.steps(tells)
         arms = centers - self.place.state[:, 0]
         moved, arms = moved + np.diff(arms, axis=0), arms[1:, ::-1] * [-1.0, 1.0]
         known = known + turns * arms[:, :, None] * arms[:, None, :]
         n_points = np.array([look.n_points for look in self.looks])
         fewest = np.minimum(n_points[1:], n_points[:-1])
         least = LEAST_SD**2 + (FEW_SD / fewest) ** 2
+        velocities, per_second2 = moved / seconds[:, None], seconds[:, None, None] ** -2.0
+        unknown = crosses[:, None, None] * velocities[:, :, None] * velocities[:, None, :]
         return Steps(
             frames=np.array([look.frame for look in self.looks[1:]]),
             numbers=numbers[1:],
             lengths=np.diff(numbers),
             places=0.5 * (centers[1:] + centers[:-1]),
-            velocities=moved / seconds,
-            covariances=share * (known + shaken) / seconds[:, None] ** 2 + least[:, None, None] * np.eye(2),
-            doubts=np.array(self.place.doubts[1:]) / seconds[:, None] ** 2,
-            slips=_slips(np.diff(numbers), fewest, seconds[:, 0]),
+            velocities=velocities,
+            covariances=share * per_second2 * (known + shaken) + least[:, None, None] * np.eye(2),
+            doubts=per_second2 * np.array(self.place.doubts[1:]) + unknown,
+            slips=_slips(np.diff(numbers), fewest, seconds),
             center=centers[-1],
-            yaw_rate=float(turned[-1, 0] / seconds[-1, 0]),
-            by_clock=1.0 + np.diff([look.late for look in self.looks]) / clocks,
+            yaw_rate=float(turned[-1, 0] / seconds[-1]),
+            by_clock=np.where(crosses, 1.0, 1.0 + late / np.maximum(clocks, SHORTEST_STEP)),
         )
 
     def step_covariance(self, lag: int) -> Square:

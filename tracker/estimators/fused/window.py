@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from registration import planar
 from tracker.estimators.fused import hypotheses, motion_kernels
@@ -124,8 +124,12 @@ class Window:
         place: Vector = self.state[i, 0].copy()
         return place
 
-    def steps(self) -> Moved:
+    def steps(self, tells: Bool[np.ndarray, " m"] | None = None) -> Moved:
         """Give how far the object moved from each frame to the next, without what its axes shook.
+
+        Args:
+            tells: whether the places at both ends tell of each step's velocity (n - 1), as where some time lies between
+                the looks; else the rates alone do.  None: all tell.
 
         Returns:
             displacements (n - 1, d), and two parts of their covariances (n - 1, d, d): what is open since places and
@@ -135,6 +139,7 @@ class Window:
             self.state,
             self.covariance,
             np.array(self.times),
+            np.ones(len(self) - 1, np.bool_) if tells is None else tells,
             np.array(self.shakes),
             float(self.model.density),
             float(self.model.tails[1]),
