@@ -312,17 +312,27 @@ def _add_best_motion(within, memory, motion):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def fit_plane(points, first, frame, i, radius, rows, distances2, planes):  # noqa: PLR0913
-    """Fit a plane to the neighbourhood of point i: unit normal, variance of its lean [rad^2] (4), a row of `planes`.
+def fit_plane(points, first, frame, i, radius, n_line, rows, distances2, planes):  # noqa: PLR0913
+    """Fit a plane to the neighbourhood of point i: unit normal, variance of its lean [rad^2], and the squared radius of
+    the neighbourhood [m^2] (5), a row of `planes`.
 
     Neighbourhood: the nearest points, itself among them, within `radius` [m], as many as there are `rows`, which tell
-    of a place near by, or are -1.  Neighbours on a line, as those of a single scan ring, leave the plane open: an
-    upright one is taken then.  The normal is zero where there is no plane to fit.  A normal leans sideways, along the
-    ground, by the noise of the points that it was fitted to.
+    of a place near by, or are -1.  Where these lie on a line, as those of a single scan ring, the nearest `n_line` are
+    taken instead, of which some may be on other rings: a ring on a hood looks like one on a wall.  Those on a line too
+    leave the plane open: an upright one is taken then.  The normal is zero where there is no plane to fit.  A normal
+    leans sideways, along the ground, by the noise of the points that it was fitted to.
     """
     scatter = np.empty((3, 3))
     look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, rows, distances2)
     n = _scatter(points, rows, scatter)
+    planes[i, 4] = 0.0
+    for k in range(len(rows)):
+        if rows[k] >= 0:
+            planes[i, 4] = distances2[k]  # nearest first
+    if n_line > len(rows) and _is_line(scatter):
+        more, farther2 = np.full(n_line, -1), np.empty(n_line)
+        look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, more, farther2)
+        n = _scatter(points, more, scatter)
     planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter)
     planes[i, 3] = _lean(scatter, planes[i], n)
 
@@ -362,6 +372,14 @@ def _scatter(points, rows, scatter):
     scatter[0, 2] = scatter[2, 0] = xz
     scatter[1, 2] = scatter[2, 1] = yz
     return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _is_line(scatter):
+    """Say whether points lie on a line."""
+    _, middle, largest = _eigenvalues(scatter)
+    return middle <= LINE * largest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -434,11 +452,11 @@ def point_to_plane(  # noqa: PLR0913
     """Align pairs `begin` to `end` of a batch by bringing points onto their neighbours' planes.
 
     As `point_to_point`, and: `own[k]`: which target is that of pair k; `planes` about the targets' points, NaN where
-    none is fitted yet, by `fit_plane` with `around`: (radius [m], number of neighbours); `limits`: (max_distance [m],
-    max_iterations, tolerance [m and rad], min_points, noise [m], robust_scale [m], independent pairs, belief about the
-    change of height [1/m^2]); `beliefs[k]`: inverse covariance of the start; `informations[k]` becomes what the planes
-    alone say of the motion, an inverse covariance too; `outcomes[k]` ends with the change of height beside that of the
-    centroids [m].
+    none is fitted yet, by `fit_plane` with `around`: (radius [m], number of neighbours, and on a line); `limits`:
+    (max_distance [m], max_iterations, tolerance [m and rad], min_points, noise [m], patches: patch_share^-2,
+    robust_scale [m], independent pairs, belief about the change of height [1/m^2]); `beliefs[k]`: inverse covariance of
+    the start; `informations[k]` becomes what the planes alone say of the motion, an inverse covariance too;
+    `outcomes[k]` ends with the change of height beside that of the centroids [m].
     """
     for k in range(begin, end):
         source, t = sources[source_begin[k] : source_begin[k + 1]], own[k]
@@ -455,7 +473,8 @@ def point_to_plane(  # noqa: PLR0913
 def _align_planes(source, target, around, limits, belief, motion, information):
     points, first, frame, planes = target
     near, distances2 = np.full(around[1], -1), np.empty(around[1])
-    max_distance, max_iterations, tolerance, min_points, noise, robust_scale, independent, height_belief = limits
+    max_distance, max_iterations, tolerance, min_points, noise, patches = limits[:6]
+    robust_scale, independent, height_belief = limits[6:]
     fewest = min(len(source), len(points))
     if fewest == 0 or fewest < min_points:
         return EMPTY if fewest == 0 else TOO_FEW_POINTS, 0, np.nan, 0, 0.0
@@ -471,9 +490,9 @@ def _align_planes(source, target, around, limits, belief, motion, information):
         for i in range(memory.shape[1]):
             nearest = rows[int(memory[NEAREST, i]), i]
             if memory[DISTANCE2, i] < max_distance**2 and np.isnan(planes[nearest, 0]):
-                fit_plane(points, first, frame, nearest, around[0], near, distances2, planes)
+                fit_plane(points, first, frame, nearest, around[0], around[2], near, distances2, planes)
         n_planes = _compare_with_planes(
-            points, planes, motion, max_distance, robust_scale, memory, rows, full, gradient, leaning
+            points, planes, motion, max_distance, robust_scale, patches, memory, rows, full, gradient, leaning
         )
         weight = min(1.0, independent / max(n_planes, 1)) / noise**2
         full *= weight
@@ -526,13 +545,14 @@ def _lift(points, step, memory, rows):
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def _compare_with_planes(  # noqa: PLR0913
-    points, planes, motion, within, robust_scale, memory, rows, information, gradient, leaning
+    points, planes, motion, within, robust_scale, patches, memory, rows, information, gradient, leaning
 ):
     """Set up J'WJ and J'Wr of the distances r to the partners' planes; give the number of planes that tell something.
 
     r = n (R s + t - q), J = (n_x, n_y, n_y a_x - n_x a_y, n_z) with the arm a = R s; the weight of a pair is Geman &
-    McClure's, 1 / (1 + (r / robust_scale)^2)^2.  Planes that are not upright are not counted; flat ones tell of
-    z alone.
+    McClure's, 1 / (1 + (r / robust_scale)^2)^2, and as much less again, by the same law, as the point lies beside its
+    partner, against the radius of the plane's neighbourhood: nothing is known of the surface there.  Planes that are
+    not upright are not counted; flat ones tell of z alone.
 
     `leaning` becomes what J'WJ expects to have of (x, y, yaw) only since normals lean: the same with the directions
     along the planes, times the variances.  Along a flat side that is all there is: n of its normals seem to tell of a
@@ -551,7 +571,8 @@ def _compare_with_planes(  # noqa: PLR0913
         n_planes += 1 if steepness2 > UPRIGHT**2 else 0
         x, y = memory[X_NOW, i], memory[Y_NOW, i]
         r = n_x * (x - points[row, 0]) + n_y * (y - points[row, 1]) + n_z * (memory[Z, i] - points[row, 2])
-        weight = 1.0 / (1.0 + (r / robust_scale) ** 2) ** 2
+        beside2 = max(memory[DISTANCE2, i] - r * r, 0.0) / max(planes[row, 4], CLOSE)
+        weight = 1.0 / ((1.0 + (r / robust_scale) ** 2) * (1.0 + patches * beside2)) ** 2
         J[:] = 0.0
         J[3] = n_z
         if steepness2 > FLAT**2:

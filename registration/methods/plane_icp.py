@@ -4,6 +4,7 @@ The constants of the covariance were fitted to the errors on two simulated stree
 cars and vans, 3 to 80 m) such that the normalised error squared has its expectation; `regmot compare` prints it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -57,15 +58,20 @@ class PointToPlaneICP(BatchMethod):
     min_points: int = 3  # smaller clouds, and fewer pairs, say nothing of the turn
     normal_radius: float = 0.5  # of the neighbourhood that a plane is fitted to [m], ...
     normal_neighbours: int = 20  # ... and the number of points in it, at most
+    line_neighbours: int = 20  # and where those lie on a line; no more than the others: the same
     noise: float = 0.05  # of a point's distance to its plane, beside the start's covariance [m]
     robust_scale: float = 0.1  # at this distance to its plane a pair has a quarter of its weight [m]
+    # Beside its partner by this share of the radius of the plane's neighbourhood a pair has a quarter of its weight
+    # too: where one cloud shows what the other does not, its edge is the nearest, and surfaces bend behind edges.
+    patch_share: float = math.inf
     independent_pairs: float = 50.0  # more pairs than this are no surer than this many
     unsure: float = 0.3  # standard deviation of a shift from the planes alone that is no answer [m]
     threads: int = 1  # that align the pairs of a batch
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot work."""
-        for setting in ("max_distance", "normal_radius", "noise", "robust_scale", "independent_pairs", "unsure"):
+        lengths = "max_distance", "normal_radius", "noise", "robust_scale", "patch_share"
+        for setting in (*lengths, "independent_pairs", "unsure"):
             if not getattr(self, setting) > 0.0:
                 raise ValueError(f"{setting} must be positive, got {getattr(self, setting)}")
         for setting, least in (("max_iterations", 1), ("normal_neighbours", 3), ("min_points", 1)):
@@ -90,8 +96,8 @@ class PointToPlaneICP(BatchMethod):
         grids = {key: target.grid for key, (_, target) in zip(keys, pairs, strict=True)}
         numbers = {key: number for number, key in enumerate(grids)}
         own, targets = np.array([numbers[key] for key in keys]), neighbours.pack(list(grids.values()))
-        planes = np.full((len(targets.points), 4), np.nan)
-        around = float(self.normal_radius), self.normal_neighbours
+        planes = np.full((len(targets.points), 5), np.nan)
+        around = float(self.normal_radius), self.normal_neighbours, self.line_neighbours
         beliefs = np.linalg.inv(doubts)
         neighbours.share_out(
             lambda a, b: icp_kernels.point_to_plane(
@@ -108,8 +114,9 @@ class PointToPlaneICP(BatchMethod):
             for each in zip(pairs, motions.tolist(), outcomes.tolist(), covariances, is_degenerate, strict=True)
         ]
 
-    def _limits(self) -> tuple[float, int, float, int, float, float, float, float]:
-        floats = (float(self.noise), float(self.robust_scale), float(self.independent_pairs), BELIEVED_LIFT**-2)
+    def _limits(self) -> tuple[float, int, float, int, float, float, float, float, float]:
+        pairs = float(self.noise), float(self.patch_share) ** -2, float(self.robust_scale)
+        floats = (*pairs, float(self.independent_pairs), BELIEVED_LIFT**-2)
         return (float(self.max_distance), self.max_iterations, float(self.tolerance), self.min_points, *floats)
 
 

@@ -1,5 +1,7 @@
 """Point-to-plane ICP: what it finds, what it leaves to the start, and how it says that it knows little."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -33,11 +35,11 @@ def ring(n, seed=0, noise=0.005):
     return cloud + np.random.default_rng(seed).normal(0.0, noise, (n, 3))
 
 
-def planes_of(points, radius=0.5, n_neighbours=20):
+def planes_of(points, radius=0.5, n_neighbours=20, n_line=20):
     grid = build_grid(points, radius)
-    planes, near, distances2 = np.empty((len(points), 4)), np.full(n_neighbours, -1), np.empty(n_neighbours)
+    planes, near, distances2 = np.empty((len(points), 5)), np.full(n_neighbours, -1), np.empty(n_neighbours)
     for i in range(len(points)):
-        icp_kernels.fit_plane(grid.points, grid.first, grid.frame, i, radius, near, distances2, planes)
+        icp_kernels.fit_plane(grid.points, grid.first, grid.frame, i, radius, n_line, near, distances2, planes)
     return planes[np.argsort(grid.order)]
 
 
@@ -89,6 +91,36 @@ def test_a_single_ring_is_taken_for_an_upright_surface():
     line = np.linspace(-1.0, 1.0, 30)[:, None] * [np.cos(angle), np.sin(angle), 0.0]
     normals = normals_of(line)
     np.testing.assert_allclose(np.abs(normals), np.tile([np.sin(angle), np.cos(angle), 0.0], (30, 1)), atol=1e-9)
+
+
+def test_rings_on_a_hood_are_no_walls_where_neighbouring_rings_tell():
+    rings = [[x, y, 0.0] for x in (0.0, 0.25, 0.5) for y in np.arange(-0.8, 0.81, 0.04)]
+    inside = slice(41 + 6, 82 - 6)
+    alone, together = (planes_of(np.array(rings), n_neighbours=10, n_line=n)[inside, :3] for n in (10, 30))
+    np.testing.assert_allclose(np.abs(alone), np.tile([1.0, 0.0, 0.0], (29, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.abs(together), np.tile([0.0, 0.0, 1.0], (29, 1)), atol=1e-9)
+
+
+def round_end(low, high, seed, noise=0.005):
+    """Sample the side of a car that bends into its front (a quarter of a circle), from one angle to another [rad]."""
+    rng = np.random.default_rng(seed)
+    angle, height = rng.uniform(low, high, 600), rng.uniform(0.0, 1.2, 600)
+    points = np.column_stack([np.sin(angle), -np.cos(angle), height])
+    straight = np.column_stack([rng.uniform(-2.0, 0.0, 400), np.full(400, -1.0), rng.uniform(0.0, 1.2, 400)])
+    return np.vstack([points, straight]) + rng.normal(0.0, noise, (1000, 3)) + PLACE
+
+
+def test_what_only_one_cloud_shows_behind_an_edge_pulls_less_where_planes_end():
+    errors = {math.inf: [], 0.7: []}
+    for patch_share, found in errors.items():
+        method = plane_icp(patch_share=patch_share, robust_scale=0.05, normal_neighbours=10)
+        for seed in range(6):
+            source, target = round_end(0.0, 1.4, seed), round_end(0.0, 0.8, seed + 50)
+            prior = MotionPrior(np.zeros(3), np.diag([0.3, 0.3, 0.02]) ** 2)
+            result = method.align([tuple(method.prepare([source, target]))], [prior])[0]
+            found.append(result.motion_about(PLACE)[0])
+    assert abs(np.mean(errors[math.inf])) > 0.004
+    assert abs(np.mean(errors[0.7])) < 0.6 * abs(np.mean(errors[math.inf]))
 
 
 def test_two_points_one_place_and_a_pole_have_no_plane():
