@@ -76,6 +76,33 @@ def test_what_is_doubted_for_another_reason_tells_nothing_of_the_claims():
     assert found == pytest.approx(as_claimed, rel=0.1)
 
 
+def braking_window(change, seed):
+    """Nine frames of a car that brakes at 3 m/s^2 from 10 m/s; single steps, with errors of 1 cm."""
+    rng = np.random.default_rng(seed)
+    axes = Heading(turns=False, n_frames=9)
+    axes.advance(0.0)
+    window = Window.start(replace(MODEL, change=change), 0.0, axes, np.zeros(2))
+    for k in range(1, 9):
+        axes.advance(0.1 * k)
+        window.advance(0.1 * k, axes)
+        step = np.array([0.1 * (10.0 - 3.0 * 0.1 * (k - 0.5)), 0.0])
+        if k == 1:
+            window.place_last(step)
+        window.compare(1, np.zeros(2), step + rng.normal(0.0, 0.01, 2), np.eye(2) / 0.01**2)
+        solve([window], axes)
+    return window
+
+
+def test_accelerations_that_last_are_followed_and_errors_of_single_steps_are_not():
+    errors = {}
+    for change in (np.inf, 5.0):
+        steps = [braking_window(change, seed).steps()[0] / 0.1 for seed in range(30)]
+        off = np.array(steps)[:, 2:, 0] - (10.0 - 0.3 * (np.arange(2, 8) + 0.5))
+        errors[change] = np.sqrt(np.mean(np.square(off)))
+        assert np.abs(np.mean(off, axis=0)).max() < 0.05
+    assert errors[5.0] < 0.9 * errors[np.inf]
+
+
 def test_one_comparison_that_is_off_is_not_followed():
     off = window_of([3.0, 0.0], 7, wrong={6: [0.0, 0.3]}, lags_wrong=(1,))
     assert abs(off.step()[0][1]) < 0.3  # the step itself says 3 m/s
@@ -261,4 +288,4 @@ def test_a_comparison_without_information_is_left_out():
 def test_what_stands_is_taken_to_stand_and_what_rolls_is_not():
     assert standing_of(window_of([0.0, 0.0], 9)) > 0.98
     assert standing_of(window_of([0.5, 0.0], 9)) < 0.01
-    assert standing_of(window_of([5.0, 0.0], 9)) < 1e-6
+    assert standing_of(window_of([5.0, 0.0], 9)) < 1e-5

@@ -24,7 +24,7 @@ def solve(windows: Sequence[Window], axes: Heading | None = None) -> None:
     state, covariances, angles, rates, rate_variance, chosen = window_kernels.solve(
         _packed(windows, axes),
         _open(axes or STILL),
-        float(windows[0].model.density),
+        (float(windows[0].model.density), float(windows[0].model.change)),
         np.array(windows[0].model.tails),
         float(windows[0].model.claimed),
     )

@@ -1,5 +1,6 @@
 """Where something was at the last few frames, from comparisons of any two of them: a fixed-lag smoother."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +29,8 @@ class MotionModel:
     Attributes:
         density: spectral density of the acceleration's white noise [m^2/s^3], or of a turn's [rad^2/s^3].
         rate_sd: standard deviation of a rate before anything is known, along each axis [m/s, rad/s].
+        change: spectral density of what changes the acceleration [m^2/s^5, rad^2/s^5]: it lasts for a while.  Infinite:
+            it need not.
         tails: degrees of freedom of Student's t for the errors of comparisons, and of the motion; 0 for normal ones.
         n_frames: length of the window.
         claimed: how many comparisons count for errors being as large as claimed, beside those of the window, which
@@ -39,6 +42,7 @@ class MotionModel:
     tails: tuple[float, float] = (3.0, 4.0)
     n_frames: int = 9
     claimed: float = 5.0
+    change: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

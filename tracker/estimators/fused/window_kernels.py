@@ -16,12 +16,14 @@ from numba import njit
 
 from tracker.estimators.fused import axes_kernels, claims, heavy_tails, motion_kernels, start_kernels
 
-MOST_ITERATIONS = 4
+MOST_ITERATIONS = 3
 SETTLED = 1e-4  # largest change of a number that ends the iterations [m, m/s, rad, rad/s]
 TURN_SETTLED = 1e-5  # and of the axes' angles [rad]
 # Of the axes in one iteration [rad], and how many iterations more that may take: what is round looks straight from axes
 # that turn with it, and least squares would jump between the two.
 LARGEST_TURN, MOST_SHORT = 0.01, 12
+# Degrees of freedom of what changes an acceleration: brakes are hit, or they are not.
+CHANGE_TAIL = 1.0
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
 
 
@@ -98,13 +100,14 @@ class Axes(NamedTuple):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def solve(windows, axes, density, tails, claimed):
+def solve(windows, axes, densities, tails, claimed):
     """Find the most likely unknowns of all frames, and their covariance.
 
     Args:
         windows: see `Windows`.
         axes: see `Axes`; at least one, that nothing may refer to.
-        density: spectral density of the objects' white acceleration [m^2/s^3, rad^2/s^3].
+        densities: spectral densities of the objects' white acceleration and of what changes it [m^2/s^3, m^2/s^5;
+            rad^2/s^3, rad^2/s^5].
         tails: degrees of freedom of the errors of comparisons and of the motion; 0: normal.
         claimed: how many comparisons the claims of an object's errors count for; see `claims.scale`.
 
@@ -116,7 +119,7 @@ def solve(windows, axes, density, tails, claimed):
     K, G, D = len(windows.sizes), len(axes.times), windows.state.shape[2]
     width = 2 * D * windows.sizes.max()
     angles, rates = axes.angles.copy(), axes.rates.copy()
-    x, motions = _begin(windows, angles, density, D)
+    x, motions = _begin(windows, angles, densities[0], D)
     if D > 1:
         chosen = start_kernels.choose(x, windows, axes_kernels.to_steady(windows, angles, D), tails)
     else:  # turns are told well enough, and slow
@@ -135,6 +138,9 @@ def solve(windows, axes, density, tails, claimed):
             misfit, n_told = _add_object(
                 H[k], b[k], L[k], A, a, x[k], k, frame, comparison, windows, motions, rotations, tails, scales[k], D
             )
+            if np.isfinite(densities[1]):
+                times = windows.times[frame : frame + windows.sizes[k]]
+                _add_changes(H[k], x[k], times, densities[1], scales[k], D)
             scales[k] = claims.scale(claimed, misfit, n_told)
             right = np.empty((m, G + 1))
             right[:, 0], right[:, 1:] = b[k, :m], L[k, :m]
@@ -223,6 +229,27 @@ def _add_motion(H, x, i, motion, tail, scale, D):
     weight = heavy_tails.weight(tail, 2 * D, distance / scale)
     H[first:last, first:last] += weight / scale * motion
     return weight * distance
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _add_changes(H, x, times, density, scale, D):
+    """Add that accelerations last: those of neighbouring steps differ by what `density` dt allows."""
+    c = np.empty(3)  # of the rates at three frames
+    for i in range(1, len(times) - 1):
+        before, after = times[i] - times[i - 1], times[i + 1] - times[i]
+        c[0], c[1], c[2] = 1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after
+        first, variance, distance = 2 * D * (i - 1) + D, density * 0.5 * (before + after), 0.0
+        for d in range(D):
+            change = 0.0
+            for p in range(3):
+                change += c[p] * x[first + 2 * D * p + d]
+            distance += change**2 / variance
+        information = heavy_tails.weight(CHANGE_TAIL, D, distance / scale) / scale / variance
+        for d in range(D):
+            for p in range(3):
+                for q in range(3):
+                    H[first + 2 * D * p + d, first + 2 * D * q + d] += information * c[p] * c[q]
 
 
 @njit(cache=True, nogil=True)
