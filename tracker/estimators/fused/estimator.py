@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from registration import planar
+from registration.methods.plane_icp import PointToPlaneICP
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked, scene
 from tracker.estimators.fused.heading import Heading
@@ -15,6 +16,7 @@ from tracker.estimators.fused.look import Look, looked_at
 from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.solving import solve
 from tracker.estimators.fused.sources import (
+    PLANES,
     Expected,
     Laid,
     Learned,
@@ -36,10 +38,11 @@ class FusedSettings:
     """From physics and the sensor; what is fitted was fitted on simulated training sequences.
 
     Attributes:
-        motion: of a car: accelerations of 2 m/s^2 that last for a tenth of a second, of 1 m/s^2 that last for half of
-            one; objects faster than 30 m/s soon prove it.  Without a world, velocities are relative to a sensor that
-            moves as fast.
+        motion: of a car: accelerations of 2.6 m/s^2 that last for a tenth of a second, of 1.2 m/s^2 that last for half
+            of one, and that change by 0.8 m/s^2 in a tenth of a second; objects faster than 30 m/s soon prove it.
+            Without a world, velocities are relative to a sensor that moves as fast.
         turn: of a car's heading.
+        planes: how shapes are laid on each other.
         shape_lags: how many looks ago are the points compared by shape; the first is the step itself.
         learned_lags: and by the network.
         shape_changed, learned_changed: standard deviation of a comparison of looks that share nothing, by histograms
@@ -71,8 +74,9 @@ class FusedSettings:
             is taken to stand in the world, or to move as most objects do without a world.
     """
 
-    motion: MotionModel = field(default_factory=lambda: MotionModel(density=0.5, rate_sd=15.0))
+    motion: MotionModel = field(default_factory=lambda: MotionModel(density=0.7, rate_sd=15.0, change=7.0))
     turn: MotionModel = field(default_factory=lambda: MotionModel(density=0.02, rate_sd=0.3, claimed=math.inf))
+    planes: PointToPlaneICP = PLANES
     shape_lags: tuple[int, ...] = (1, 4)
     learned_lags: tuple[int, ...] = (1, 3, 8)
     shape_changed: float = 0.7
@@ -123,7 +127,7 @@ class FusedEstimator(FrameEstimator):
         super().__init__(smoothing or WindowMean())
         self.settings = settings or FusedSettings()
         self.undoes_sweep = self.settings.undoes_sweep
-        self._shape, self._learned = Shape(), Learned()
+        self._shape, self._learned = Shape(self.settings.planes), Learned()
         self._tracks: dict[int, Track] = {}
         self._axes = Heading(turns=False, n_frames=self.settings.motion.n_frames)
         self._common = scene.UNKNOWN  # how all that stands moves, where there are no poses

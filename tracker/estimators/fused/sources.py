@@ -17,16 +17,20 @@ from tracker.estimators.fused.look import Encoding, Look, Networks, thinned
 from tracker.estimators.fused.window import Square, Vector
 
 PERSONS = {"pedestrian", "person", "person_sitting", "cyclist"}  # classes that the network for persons is asked about
+# Planes count for what lies beside them as far as they were fitted, and rings on hoods are no walls: see docs/fused.md.
+PLANES = PointToPlaneICP(
+    independent_pairs=200.0, robust_scale=0.05, patch_share=0.7, normal_neighbours=10, line_neighbours=30
+)
 SHAPE_POINTS = 400  # of an earlier look, at most, that are laid on all points of the newer one by planes
 LEARNED_POINTS = 192  # of a look, at most, that the network is shown
 FIRST_DOUBT = 4.0  # factor of the centroids' covariance, where nothing else is known of a motion
 # Sparse clouds tell turns worse than their covariance says: standard deviation of one point's share [rad].
-TURN_SAMPLING = 1.0
+TURN_SAMPLING = 0.5
 # Shares of what methods claim that their errors show within a track, on simulated training sequences and scenes (the
 # large ones are left to Student's t): of plane-icp's variance of a turn and covariance of a shift, and of the latter
-# where histograms had a say; factor of the network's variance of a turn, whose covariance of a shift is taken as it is.
-TURN_SHARE, SHAPE_SHARE, SEARCHED_SHARE = 0.2, 0.12, 0.3
-LEARNED_TURN_DOUBT = 4.0
+# where histograms had a say.  The network's covariance is taken as it is.
+TURN_SHARE, SHAPE_SHARE, SEARCHED_SHARE = 0.06, 0.12, 0.3
+DENSER = 0.9  # clouds of n > SHAPE_POINTS points have errors whose variances go with n to the power of minus this
 FEW_POINTS = 25  # clouds with fewer are searched for around, ...
 SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
@@ -103,10 +107,10 @@ class Shape:
     The expectation's own information is taken out again: it comes from the same window that the evidence goes to.
     """
 
-    def __init__(self) -> None:
-        """Create both methods."""
+    def __init__(self, planes: PointToPlaneICP = PLANES) -> None:
+        """Take the planes, and create the search."""
         self._search = AnnealedHistograms3D()
-        self._planes = PointToPlaneICP(independent_pairs=200.0, robust_scale=0.05, normal_neighbours=10)
+        self._planes = planes
 
     def compare(self, laid: Sequence[Laid], newer: Sequence[Look]) -> list[Evidence]:
         """Lay many earlier looks on newer ones at once; several may be laid on the same one."""
@@ -221,7 +225,7 @@ def _evidence_of_shape(
     if expected.covariance is not None:
         prior = expected.covariance + expected.contrary if was_searched else expected.covariance
         information = _without(information, _inverse(prior))
-    information /= SEARCHED_SHARE if was_searched else SHAPE_SHARE
+    information /= SEARCHED_SHARE if was_searched else SHAPE_SHARE * min(SHAPE_POINTS / n_points, 1.0) ** DENSER
     turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
     variance = TURN_SHARE * result.covariance[2, 2] + (TURN_SAMPLING / n_points) ** 2
     return Evidence(step, information, turn, float(variance) if is_refined else float("inf"), was_searched)
@@ -239,13 +243,8 @@ def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, 
     seen = place - earlier.shift  # the network knows of no shifts
     covariance = _about(result.covariance, turn, result.source_centroid[:2], seen)
     information = _inverse(covariance[:2, :2])
-    return Evidence(_moved(T, seen) + newer.shift - place, information, turn, turn_variance(result, earlier, newer))
-
-
-def turn_variance(result: RegistrationResult, earlier: Look, newer: Look) -> float:
-    """Say how well the network knows a turn [rad^2]."""
-    variance = LEARNED_TURN_DOUBT * float(result.covariance[2, 2])
-    return variance + (TURN_SAMPLING / min(earlier.n_points, newer.n_points)) ** 2
+    turn_variance = float(result.covariance[2, 2]) + (TURN_SAMPLING / min(earlier.n_points, newer.n_points)) ** 2
+    return Evidence(_moved(T, seen) + newer.shift - place, information, turn, turn_variance)
 
 
 def _about(

@@ -15,11 +15,12 @@ from tracker.estimators.fused.sources import Evidence
 from tracker.estimators.fused.window import SHORTEST_STEP, MotionModel, Square, Vector, Window
 
 MOST_CENTERS = 20  # looks that count for where an object's centre is
-LEAST_SD = 0.01  # of a velocity [m/s]
-# Few points may be laid on the wrong part of an object: n of them, in steps that follow on each other, in one case of
-# (n + 1)^2, by so much along each axis.  Of 1117 first steps in scenes of our own (seeds 31, 32, 41 to 44) shapes were
-# more than 1 m off in 20 % of those of one point, 4 % of those of two to five, 2 % up to eight, 1 % up to 40.
-SLIP_SD = 1.2  # [m]
+LEAST_SD = 0.005  # of a velocity [m/s]
+# Few points may be laid on the wrong part of an object: n of them, the most of any step of those that follow on each
+# other, in one case of (n + 1)^2, by so much along each axis, about as far as two points of a car are apart.  Of 1117
+# first steps in scenes of our own (seeds 31, 32, 41 to 44) shapes were more than 1 m off in 20 % of those of one point,
+# 4 % of those of two to five, 2 % up to eight, 1 % up to 40.
+SLIP_SD = 1.7  # [m]
 FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
 
@@ -225,8 +226,9 @@ def _slips(
 ) -> Float64[np.ndarray, "n 2"]:
     """Say how likely clouds were laid on wrong parts in each step, and the variance of its velocity then [m^2/s^2].
 
-    Steps from one frame to the next, without a gap, stand for each other.
+    Steps from one frame to the next, without a gap, stand for each other; what is seen may slide along in all of them.
     """
-    run = np.cumsum(np.concatenate([[0], (lengths[1:] > 1) | (lengths[:-1] > 1)]))
-    laid, took = np.bincount(run, n_points)[run], np.bincount(run, seconds)[run]
+    begins = np.concatenate([[True], (lengths[1:] > 1) | (lengths[:-1] > 1)])
+    run, first = np.cumsum(begins) - 1, np.flatnonzero(begins)
+    laid, took = np.maximum.reduceat(n_points, first)[run], np.add.reduceat(seconds, first)[run]
     return np.column_stack([(1.0 + laid) ** -2.0, (SLIP_SD / took) ** 2])
