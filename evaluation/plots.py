@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from evaluation.compare import Comparison, SequenceSummary
 from evaluation.scored import Scored
@@ -21,6 +22,7 @@ from tracker.estimators import CAUSAL
 
 # Okabe & Ito's palette, told apart by colour-blind readers too; black is the truth.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B")
+MARKERS = ("o", "s", "^", "D")  # of estimators that share a colour
 LINES = {"causal": "-", "window": "--", "rts": ":"}
 MAX_TRACKS = 9  # panels of the picture of speeds
 ARROW_FRAMES = 10  # an arrow every so many frames, ...
@@ -57,6 +59,10 @@ def _color(comparison: Comparison, estimator: str) -> str:
     return COLORS[comparison.config.estimators.index(estimator) % len(COLORS)]
 
 
+def _marker(comparison: Comparison, estimator: str) -> str:
+    return MARKERS[comparison.config.estimators.index(estimator) // len(COLORS) % len(MARKERS)]
+
+
 def _error_against_range(comparison: Comparison, found: Sequence[dict[str, Any]]) -> Figure:
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, height_ratios=(4, 1), layout="constrained")
     for estimator in comparison.config.estimators:
@@ -64,16 +70,22 @@ def _error_against_range(comparison: Comparison, found: Sequence[dict[str, Any]]
             line = [r for r in found if (r["estimator"], r["smoothing"]) == (estimator, smoothing)]
             middle = [0.5 * (r["from_m"] + r["to_m"]) for r in line]
             errors = [r["rmse_velocity"] for r in line]
-            style = LINES.get(smoothing, "-.")
-            label = f"{estimator}, {smoothing}"
-            top.plot(middle, errors, style, color=_color(comparison, estimator), marker="o", ms=4, label=label)
+            marker, color = _marker(comparison, estimator), _color(comparison, estimator)
+            top.plot(middle, errors, LINES.get(smoothing, "-."), color=color, marker=marker, ms=4)
     top.set(ylabel="RMSE of the velocity vector [m/s]", yscale="log")
     top.set_title(f"Velocity error against range ({comparison.config.frame} frame, truth: {comparison.truth})")
     top.yaxis.set_minor_locator(ticker.LogLocator(subs=(2.0, 3.0, 5.0)))
     for axis_ticks in (top.yaxis.set_major_formatter, top.yaxis.set_minor_formatter):
         axis_ticks(ticker.FormatStrFormatter("%.2g"))
     top.grid(True, which="both", alpha=0.3)
-    top.legend(fontsize=8, ncols=2)
+    handles = [
+        Line2D([], [], color=_color(comparison, name), marker=_marker(comparison, name), ms=4, label=name)
+        for name in comparison.config.estimators
+    ]
+    handles += [
+        Line2D([], [], color="0.4", ls=LINES.get(name, "-."), label=name) for name in comparison.config.smoothing
+    ]
+    figure.legend(handles=handles, fontsize=8, loc="outside right upper")
     first = [r for r in found if (r["estimator"], r["smoothing"]) == (found[0]["estimator"], found[0]["smoothing"])]
     bottom.bar(
         [0.5 * (r["from_m"] + r["to_m"]) for r in first],
