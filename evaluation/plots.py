@@ -23,7 +23,14 @@ from tracker.estimators import CAUSAL
 # Okabe & Ito's palette, told apart by colour-blind readers too; black is the truth.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B")
 MARKERS = ("o", "s", "^", "D")  # of estimators that share a colour
-LINES = {"causal": "-", "window": "--", "rts": ":"}
+LINES = {
+    "causal": "-",
+    "window": "--",
+    "lag1": "-.",
+    "lag2": (0, (5, 1, 1, 1, 1, 1)),
+    "lag3": (0, (5, 1, 1, 1, 1, 1, 1, 1)),
+    "rts": ":",
+}
 MAX_TRACKS = 9  # panels of the picture of speeds
 ARROW_FRAMES = 10  # an arrow every so many frames, ...
 ARROW_SECONDS = 1.0  # ... as long as the way driven in this time: at 10 Hz true arrows touch and do not overlap
@@ -71,7 +78,7 @@ def _error_against_range(comparison: Comparison, found: Sequence[dict[str, Any]]
             middle = [0.5 * (r["from_m"] + r["to_m"]) for r in line]
             errors = [r["rmse_velocity"] for r in line]
             marker, color = _marker(comparison, estimator), _color(comparison, estimator)
-            top.plot(middle, errors, LINES.get(smoothing, "-."), color=color, marker=marker, ms=4)
+            top.plot(middle, errors, ls=LINES.get(smoothing, "-."), color=color, marker=marker, ms=4)
     top.set(ylabel="RMSE of the velocity vector [m/s]", yscale="log")
     top.set_title(f"Velocity error against range ({comparison.config.frame} frame, truth: {comparison.truth})")
     top.yaxis.set_minor_locator(ticker.LogLocator(subs=(2.0, 3.0, 5.0)))

@@ -325,15 +325,14 @@ def fit_plane(points, first, frame, i, radius, n_line, rows, distances2, planes)
     scatter = np.empty((3, 3))
     look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, rows, distances2)
     n = _scatter(points, rows, scatter)
-    planes[i, 4] = 0.0
-    for k in range(len(rows)):
-        if rows[k] >= 0:
-            planes[i, 4] = distances2[k]  # nearest first
-    if n_line > len(rows) and _is_line(scatter):
+    planes[i, 4] = distances2[max(n, 1) - 1]  # nearest first
+    values = _eigenvalues(scatter)
+    if n_line > len(rows) and not values[1] > LINE * values[2]:
         more, farther2 = np.full(n_line, -1), np.empty(n_line)
         look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, more, farther2)
         n = _scatter(points, more, scatter)
-    planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter)
+        values = _eigenvalues(scatter)
+    planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter, values)
     planes[i, 3] = _lean(scatter, planes[i], n)
 
 
@@ -376,16 +375,8 @@ def _scatter(points, rows, scatter):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def _is_line(scatter):
-    """Say whether points lie on a line."""
-    _, middle, largest = _eigenvalues(scatter)
-    return middle <= LINE * largest
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-@typing.no_type_check
-def _normal(scatter):
-    smallest, middle, largest = _eigenvalues(scatter)
+def _normal(scatter, values):
+    smallest, middle, largest = values
     if not largest > 0.0:
         return 0.0, 0.0, 0.0
     if middle > LINE * largest:
@@ -473,8 +464,9 @@ def point_to_plane(  # noqa: PLR0913
 def _align_planes(source, target, around, limits, belief, motion, information):
     points, first, frame, planes = target
     near, distances2 = np.full(around[1], -1), np.empty(around[1])
-    max_distance, max_iterations, tolerance, min_points, noise, patches = limits[:6]
-    robust_scale, independent, height_belief = limits[6:]
+    (max_distance, max_iterations, tolerance, min_points, noise, patches, robust_scale, independent, height_belief) = (
+        limits
+    )
     fewest = min(len(source), len(points))
     if fewest == 0 or fewest < min_points:
         return EMPTY if fewest == 0 else TOO_FEW_POINTS, 0, np.nan, 0, 0.0

@@ -58,7 +58,7 @@ class PointToPlaneICP(BatchMethod):
     min_points: int = 3  # smaller clouds, and fewer pairs, say nothing of the turn
     normal_radius: float = 0.5  # of the neighbourhood that a plane is fitted to [m], ...
     normal_neighbours: int = 20  # ... and the number of points in it, at most
-    line_neighbours: int = 20  # and where those lie on a line; no more than the others: the same
+    line_neighbours: int = 20  # and where those lie on a line, if that is more
     noise: float = 0.05  # of a point's distance to its plane, beside the start's covariance [m]
     robust_scale: float = 0.1  # at this distance to its plane a pair has a quarter of its weight [m]
     # Beside its partner by this share of the radius of the plane's neighbourhood a pair has a quarter of its weight
