@@ -116,6 +116,23 @@ def test_an_object_right_behind_is_not_known_by_the_time_between_frames():
     assert all(np.abs(answer.velocity[1]) < 12.0 for answer in found)
 
 
+def test_where_the_centre_may_have_crossed_the_end_of_sweeps_the_velocity_is_unsure_too():
+    """Where it is, is known to 0.25 m: a step that ends 0.2 m before may have crossed, one that ends 3 m before not.
+
+    What crosses the line of sight in front is passed by the beams in order.
+    """
+    unsure = {}
+    for name, x, last in (("near", -20.0, 0.2), ("far", -20.0, 3.0), ("front", 20.0, 0.0)):
+        estimator = create_estimator("fused")
+        for k in range(12):
+            cloud = car_cloud(400, seed=k) + [x, last + 0.6 * (11 - k), 0.0]
+            one = replace(segment(cloud, k), is_swept=True)
+            answer = estimator.step({one.track_id: one}, 0.1 * k, None)[one.track_id]
+        unsure[name] = np.sqrt(np.diag(answer.covariance))
+    assert unsure["near"][1] > 1.0
+    assert max(unsure["far"].max(), unsure["front"].max()) < 0.5
+
+
 def test_what_straddles_the_end_of_a_sweep_is_put_together_and_believed_less():
     """A car follows 10 m behind and falls back by 2 m/s: its halves are seen 100 ms apart."""
     cloud, center, velocity = car_cloud(400) + [-10.0, 0.0, 0.0], np.array([-10.0, 0.0]), np.array([-2.0, 0.0])

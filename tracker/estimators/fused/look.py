@@ -1,5 +1,6 @@
 """What is kept of one look at an object."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,6 +58,7 @@ class Look:
         clock: time that velocities count by [s]: that of the frame, or of the look where they are to be over that.
         is_torn: a part was seen at the end of the sweep, and the rest at its start.
         late: how long after what the clock tells the beams met the object's centre [s]; see `Track.note_met`.
+        past_end: how far that is past the direction in which sweeps end [m]; NaN where that does not matter.
     """
 
     points: Points
@@ -74,6 +76,7 @@ class Look:
     clock: float
     is_torn: bool = False
     late: float = 0.0
+    past_end: float = math.nan
 
     def seen_by(self, sensor: Sensor) -> "Look":
         """Put its points to where the beams met them, by a sensor that moves as is now known; nothing to do where all

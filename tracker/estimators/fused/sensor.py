@@ -1,5 +1,6 @@
 """Where the sensor is in one frame, how it moves, and when its beams pass a place."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -58,3 +59,9 @@ class Sensor:
         """
         x, y = (places - self.place).T
         return azimuth_times(np.arctan2(y, x) - self.yaw - 2.0 * np.pi / SWEEP.period * lags, SWEEP)
+
+    def past_end(self, place: Vector) -> float:
+        """Give how far a place is past the direction in which sweeps end [m], along their turn; NaN in front."""
+        x, y = (place - self.place).tolist()
+        angle = planar.wrap(self.yaw + math.pi - math.atan2(y, x))
+        return angle * math.hypot(x, y) if abs(angle) < 0.5 * math.pi else math.nan

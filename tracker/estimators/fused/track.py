@@ -1,10 +1,12 @@
 """One object: its window of places, that of its heading, and the looks that belong to their frames."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from scipy.special import ndtr
 
 from registration import planar
 from tracker.ego_motion.sweep import LEAST_SHARE
@@ -21,6 +23,7 @@ LEAST_SD = 0.005  # of a velocity [m/s]
 # first steps in scenes of our own (seeds 31, 32, 41 to 44) shapes were more than 1 m off in 20 % of those of one point,
 # 4 % of those of two to five, 2 % up to eight, 1 % up to 40.
 SLIP_SD = 1.7  # [m]
+CENTER_SD = 0.25  # of where an object's centre is, as labels have it [m]
 FEW_SD = 2.0  # of a velocity from a single point [m/s]; of n points, an n-th of it
 
 
@@ -167,8 +170,9 @@ class Track:
         """
         look = self.looks[-1]
         if look.clock != look.time:
-            late = look.sensor.delays((self.centers()[-1] - look.shift)[None])[0]
-            self.looks[-1] = replace(look, late=float(late))
+            center = self.centers()[-1] - look.shift
+            late = float(look.sensor.delays(center[None])[0])
+            self.looks[-1] = replace(look, late=late, past_end=look.sensor.past_end(center))
 
     def centers(self) -> Float64[np.ndarray, "n 2"]:
         """Give the object's centre at each frame [m]."""
@@ -191,7 +195,7 @@ class Track:
             ],
             axis=0,
         ).T
-        tells, crosses = seconds > LEAST_SHARE * frames, np.abs(late) > 0.5 * SWEEP.period
+        tells, crosses = seconds > LEAST_SHARE * frames, _crossed([look.past_end for look in self.looks])
         turned, turns, _ = self.turn.steps(tells)
         moved, known, shaken = self.place.steps(tells)
         arms = centers - self.place.state[:, 0]
@@ -201,7 +205,7 @@ class Track:
         fewest = np.minimum(n_points[1:], n_points[:-1])
         least = LEAST_SD**2 + (FEW_SD / fewest) ** 2
         velocities, per_second2 = moved / seconds[:, None], seconds[:, None, None] ** -2.0
-        unknown = crosses[:, None, None] * velocities[:, :, None] * velocities[:, None, :]
+        unknown = (crosses * (velocities**2).sum(axis=1))[:, None, None] * np.eye(2)
         return Steps(
             frames=np.array([look.frame for look in self.looks[1:]]),
             numbers=numbers[1:],
@@ -213,12 +217,23 @@ class Track:
             slips=_slips(np.diff(numbers), fewest, seconds),
             center=centers[-1],
             yaw_rate=float(turned[-1, 0] / seconds[-1]),
-            by_clock=np.where(crosses, 1.0, 1.0 + late / np.maximum(clocks, SHORTEST_STEP)),
+            by_clock=np.where(np.abs(late) > 0.5 * SWEEP.period, 1.0, 1.0 + late / np.maximum(clocks, SHORTEST_STEP)),
         )
 
     def step_covariance(self, lag: int) -> Square:
         """Give the covariance of where the object is now against where it was `lag` frames ago [m^2]."""
         return self.place.difference(-1 - lag)
+
+
+def _crossed(past_end: Sequence[float]) -> Float64[np.ndarray, " n"]:
+    """Give the probability that an object's centre crossed the direction in which sweeps end, from look to look.
+
+    Where that is, is known to CENTER_SD, and errs in neighbouring looks alike.
+
+    Args:
+        past_end: see `Look`.
+    """
+    return np.nan_to_num(np.abs(np.diff(ndtr(np.array(past_end) / CENTER_SD))))
 
 
 def _slips(
