@@ -91,7 +91,7 @@ def _pose(place: Float64[np.ndarray, "2"], yaw: float) -> Float64[np.ndarray, "4
 
 
 def _segment(car: int, frame: int, points: Points) -> Segment:
-    return Segment(car, "Car", frame, DT * frame, points, -HEIGHT)
+    return Segment(car, "Car", frame, DT * frame, points, -HEIGHT, is_simulated=True)
 
 
 def _cells(create: Callable[[], Estimator], scenes: list[Scene], event: Event) -> list[str]:

@@ -34,6 +34,8 @@ _COLUMNS = (
 # What NumPy and zipfile raise on damaged archives, by where the damage is.
 _DAMAGES = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zipfile.BadZipFile)
 
+SCANNED = ("is_swept", "lasers", "is_simulated")  # of a sequence and all its segments: how scans were made
+
 Progress = Callable[[int, int], None]  # frames done, frames in all
 
 
@@ -43,8 +45,8 @@ class SegmentStore:
 
     Attributes:
         folder: holds `manifest.json` and `part-NNNN.npz`.
-        manifest: format, version, sequence, clock, ego, flagged_poses, deskewed, is_swept, lasers, n_frames,
-            missing_scans, fingerprint.
+        manifest: format, version, sequence, clock, ego, flagged_poses, deskewed, is_swept, lasers, is_simulated,
+            n_frames, missing_scans, fingerprint.
     """
 
     folder: Path
@@ -60,9 +62,11 @@ class SegmentStore:
         Raises:
             DataError: a part is damaged.
         """
+        scanned = {key: self.manifest[key] for key in SCANNED}
         for start in range(0, len(self), FRAMES_PER_PART):
             for frame in _read_part(_part_path(self.folder, start)):
-                yield _as_swept(frame, self.manifest["is_swept"], self.manifest["lasers"])
+                segments = {key: replace(segment, **scanned) for key, segment in frame.segments.items()}
+                yield replace(frame, segments=segments)
 
 
 def cut_sequence(sequence: KittiSequence, out: Path, progress: Progress | None = None) -> SegmentStore:
@@ -113,8 +117,7 @@ def _describe(sequence: KittiSequence, missing: list[int]) -> dict[str, Any]:
         "ego": sequence.ego,
         "flagged_poses": list(sequence.flagged),
         "deskewed": sequence.sweep is not None,
-        "is_swept": sequence.is_swept,
-        "lasers": sequence.lasers,
+        **{key: getattr(sequence, key) for key in SCANNED},
         "n_frames": len(sequence),
         "missing_scans": missing,
         "frames_per_part": FRAMES_PER_PART,
@@ -197,11 +200,6 @@ def _read_sweep(row: Float64[np.ndarray, "10"]) -> Sweep | None:
     if np.isnan(period):
         return None
     return Sweep(row[:6], period, bool(is_clockwise), cut_azimuth, bool(to_frame_time))
-
-
-def _as_swept(frame: SegmentedFrame, is_swept: bool, lasers: str | None) -> SegmentedFrame:
-    segments = {key: replace(segment, is_swept=is_swept, lasers=lasers) for key, segment in frame.segments.items()}
-    return replace(frame, segments=segments)
 
 
 def _read_part(path: Path) -> Iterator[SegmentedFrame]:

@@ -20,7 +20,9 @@ def cut(frame: Frame) -> SegmentedFrame:
         for box, found in zip(frame.boxes, rows, strict=True):
             points_lidar = frame.points_lidar[found]
             segment = segment_of(box, points_lidar, frame.index, frame.timestamp, frame.T_world_lidar)
-            segments[box.track_id] = replace(segment, is_swept=frame.is_swept, lasers=frame.lasers)
+            segments[box.track_id] = replace(
+                segment, is_swept=frame.is_swept, lasers=frame.lasers, is_simulated=frame.is_simulated
+            )
     segmented = SegmentedFrame(
         index=frame.index,
         timestamp=frame.timestamp,

@@ -105,6 +105,7 @@ class Frame:
             sensor that turns; otherwise all of them are of one instant.
         lasers: name of the beam model of the sensor, which says to which sides lasers look that fire together; None
             where nobody knows.
+        is_simulated: the scan is our simulator's, whose errors are known; those of real ones are larger.
     """
 
     index: int
@@ -116,6 +117,7 @@ class Frame:
     sweep: Sweep | None = None
     is_swept: bool = False
     lasers: str | None = None
+    is_simulated: bool = False
 
     def without_pose(self) -> "Frame":
         """Forget the ego's pose: what is estimated of this frame is relative to the sensor."""
@@ -137,7 +139,7 @@ class Segment:
         ground_z_world: the same in the world, for the pose that came with the scan; None where none did.  A sensor
             that leans by 1 degree is 0.35 m off at 20 m, so that the one does not follow from the other without
             knowing the very spot that is meant.
-        is_swept, lasers, sweep: as in the frame.
+        is_swept, lasers, is_simulated, sweep: as in the frame.
         seen_after: how long after the time of the frame the look was [s]; 0 where `timestamp` is that of the frame.
     """
 
@@ -150,6 +152,7 @@ class Segment:
     ground_z_world: float | None = None
     is_swept: bool = False
     lasers: str | None = None
+    is_simulated: bool = False
     sweep: Sweep | None = None
     seen_after: float = 0.0
 

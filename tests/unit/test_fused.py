@@ -225,6 +225,18 @@ def test_a_cloud_of_one_point_is_no_certainty():
     assert np.linalg.eigvalsh(estimate.covariance).min() > 0.5**2
 
 
+def test_claims_of_real_scans_are_not_those_that_simulated_ones_keep():
+    """All of an object's errors are claimed where scans are real; the share of it that simulated ones show, there."""
+    variances = {}
+    for is_simulated in (False, True):
+        estimator, settings = create_estimator("fused"), FusedSettings()
+        for s in moving_tracklet((8.0, 0.0), n_frames=6, ego_velocity=(0.0, 0.0)).segments:
+            estimate = estimator.step({7: replace(s, is_simulated=is_simulated)}, s.timestamp, None)[7]
+        variances[is_simulated] = np.trace(estimate.covariance)
+    assert settings.simulated_share < 0.8 * settings.covariance_share
+    assert variances[True] < 0.8 * variances[False]
+
+
 def test_many_objects_at_once_give_what_each_gives_alone_in_the_world():
     a = moving_tracklet((3.0, 1.0), n_frames=5, ego_velocity=(2.0, 0.0))
     b = moving_tracklet((-2.0, 0.0), n_frames=5, start=(18.0, -4.0), cloud=car_cloud(seed=3), ego_velocity=(2.0, 0.0))

@@ -106,14 +106,15 @@ def test_looks_at_objects_and_points_moved_to_them_come_back(training, tmp_path,
         ({"rolling_shutter": False, "beam_model": "mine"}, None),
     ],
 )
-def test_a_store_says_whether_scans_are_raw_sweeps_as_all_but_some_simulated_ones_are(
+def test_a_store_says_whether_scans_are_simulated_and_raw_sweeps_as_all_but_some_simulated_ones_are(
     training, tmp_path, settings, lasers
 ):
     if settings is not None:
         (training / "simulation.json").write_text(json.dumps({"sequences": {"0000": settings}}))
     frames = list(cut_sequence(opened(training), tmp_path / "store").frames())
     segments = [segment for frame in frames for segment in frame.segments.values()]
-    assert {(segment.is_swept, segment.lasers) for segment in segments} == {(settings is None, lasers)}
+    found = {(segment.is_swept, segment.lasers, segment.is_simulated) for segment in segments}
+    assert found == {(settings is None, lasers, settings is not None)}
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"sequences": {"0000": 1}}'])

@@ -81,6 +81,7 @@ class Sighting:
             one that undoes that.
         is_timed_by_look: velocities are to be displacements over the time between looks, not over that between frames.
         lasers: name of the sensor's beam model; None where nobody knows it.
+        is_simulated: as in the frame.
     """
 
     class_name: str
@@ -98,6 +99,7 @@ class Sighting:
     is_swept: bool = False
     is_timed_by_look: bool = False
     lasers: str | None = None
+    is_simulated: bool = False
 
 
 def look(segment: Segment, T_world_lidar: Transform | None, undoes_sweep: bool = False) -> Sighting:
@@ -133,6 +135,7 @@ def look(segment: Segment, T_world_lidar: Transform | None, undoes_sweep: bool =
         is_swept=is_swept,
         is_timed_by_look=segment.sweep is not None,
         lasers=segment.lasers,
+        is_simulated=segment.is_simulated,
     )
 
 

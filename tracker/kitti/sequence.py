@@ -48,6 +48,7 @@ class KittiSequence:
             frame); None to take scans as they are.
         is_swept: see `Frame`; KITTI's raw and tracking scans are (docs/ego-motion.md).
         lasers: see `Frame`; those of KITTI's sensor, if nobody says otherwise.
+        is_simulated: see `Frame`.
     """
 
     name: str
@@ -68,6 +69,7 @@ class KittiSequence:
     sweep: Sweep | None = None
     is_swept: bool = True
     lasers: str | None = HDL_64E_KITTI.name
+    is_simulated: bool = False
 
     def __len__(self) -> int:
         """Count the frames, with or without a scan."""
@@ -97,6 +99,7 @@ class KittiSequence:
             sweep=None if self.sweep is None else replace(self.sweep, twist_lidar=self._twist(index), period=self.turn),
             is_swept=self.is_swept,
             lasers=self.lasers,
+            is_simulated=self.is_simulated,
         )
 
     def step_covariance(self, index: int) -> StepCovariance | None:

@@ -67,6 +67,7 @@ def open_tracking(root: Path, folder: Path, name: str, clock: str = "auto", reco
         T_cam_lidar=calibration.T_cam_lidar,
         is_swept=simulation is None or bool(simulation.get("rolling_shutter", True)),
         lasers=HDL_64E_KITTI.name if simulation is None else _known_lasers(simulation),
+        is_simulated=simulation is not None,
     )
 
 

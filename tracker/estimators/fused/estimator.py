@@ -61,8 +61,8 @@ class FusedSettings:
             start of the same one the rest: its label's box, of one moment, cuts off some of either [m].
         search_floor: standard deviation of an expected place that is always searched [m].
         search_doubt: factor of an expectation's covariance.
-        covariance_share: that errors have of the windows' covariances: 0.55 on simulated training sequences and scenes,
-            near and far, slow and fast; about 1 on real scans (docs/fused.md).
+        covariance_share: that errors have of the windows' covariances.
+        simulated_share: the same on simulated scans: near and far, slow and fast, of training sequences and scenes.
         pose_turn_sd: of the axes' own turn between two frames, as by an error of the ego's heading [rad].
         weighs_looks: whether looks may be off as a whole, and what contradicts an expected place is searched for.
         undoes_sweep: whether what objects and the sensor move until the beams pass them is undone, where scans are raw
@@ -89,7 +89,8 @@ class FusedSettings:
     torn: float = 0.02
     search_floor: float = 0.1
     search_doubt: float = 8.0
-    covariance_share: float = 0.55
+    covariance_share: float = 1.0
+    simulated_share: float = 0.55
     pose_turn_sd: float = 0.001
     weighs_looks: bool = True
     undoes_sweep: bool = True
@@ -169,15 +170,16 @@ class FusedEstimator(FrameEstimator):
                 track.refer_to_center()
             track.note_met()
         self._start_tracks(sightings, new)
-        steps = self._steps(known, next(iter(sightings.values())).in_world)
+        steps = self._steps(known, next(iter(sightings.values())))
         return {key: _measurement(steps[key], key in is_known or key in is_laid) for key in known}
 
-    def _steps(self, known: Mapping[int, Track], in_world: bool) -> dict[int, Steps]:
+    def _steps(self, known: Mapping[int, Track], any_one: Sighting) -> dict[int, Steps]:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
-        steps = {key: track.steps(self.settings.covariance_share) for key, track in known.items()}
+        share = self.settings.simulated_share if any_one.is_simulated else self.settings.covariance_share
+        steps = {key: track.steps(share) for key, track in known.items()}
         if self.settings.knows_parked and steps:
             own = list(steps.values())
-            if in_world:
+            if any_one.in_world:
                 settled = parked.settle([track.place for track in known.values()], own)
             else:
                 settled, self._common = scene.settle(own, self._common)
