@@ -34,10 +34,23 @@ def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     expected = Expected(planar.to_transform(np.array([0.7, 0.1, 0.0]), np.zeros(3)), 0.3**2 * np.eye(2), 0.05**2)
     moved = se3.transform(motion, cloud)
     newer = kept(moved, encoded(moved))
-    (found,) = Shape().compare([Laid(cloud, 0, place, expected)], [newer])
+    (found,) = Shape().compare([Laid(kept(cloud, encoded(cloud)), 0, place, expected)], [newer])
     np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
     assert found.turn == pytest.approx(0.02, abs=0.01)
     assert np.linalg.eigvalsh(found.information).min() >= 0.0
+
+
+def test_dense_clouds_tell_more_but_not_without_end():
+    cloud = car_cloud(600) + [10.0, 3.0, 0.0]
+    seen, place = kept(cloud, encoded(cloud)), cloud.mean(axis=0)[:2]
+    expected = Expected(np.eye(4), 0.1**2 * np.eye(2), 0.02**2)
+    told = []
+    for n in (300, 1000, 3000, 30000):
+        look_of_n = replace(seen, n_points=n)
+        (found,) = Shape().compare([Laid(look_of_n, 0, place, expected)], [look_of_n])
+        told.append(np.linalg.eigvalsh(found.information).min())
+    assert told[0] < 0.7 * told[1] < 0.49 * told[2]
+    assert told[3] == pytest.approx(told[2])
 
 
 def test_where_histograms_only_choose_between_two_places_the_outline_of_a_gap_is_no_evidence():
@@ -52,7 +65,7 @@ def test_where_histograms_only_choose_between_two_places_the_outline_of_a_gap_is
     evidence = {}
     for told in (np.zeros((2, 2)), contrary):
         expected = Expected(moved_along, sure, 0.01**2, told)
-        job = Laid(earlier, 0, earlier.mean(axis=0)[:2], expected)
+        job = Laid(kept(earlier, encoded(earlier)), 0, earlier.mean(axis=0)[:2], expected)
         (evidence[bool(told.any())],) = Shape().compare([job], [kept(later, encoded(later))])
     for found in evidence.values():
         assert found.information[0, 0] < 0.09**-2

@@ -161,7 +161,7 @@ def test_shapes_are_believed_less_along_the_way_where_nobody_knows_when_lasers_f
     for share in (0.0, 0.008):
         estimator = FusedEstimator(settings=FusedSettings(shape_moved=0.0, untimed_moved=share))
         for k in range(8):
-            one = replace(segment(car_cloud(800, seed=k) + [20.0 - 1.5 * k, 4.0, 0.0], k), is_swept=True)
+            one = replace(segment(car_cloud(400, seed=k) + [20.0 - 1.5 * k, 4.0, 0.0], k), is_swept=True)
             answer = estimator.step({one.track_id: one}, one.timestamp, None)[one.track_id]
         found[share] = np.sqrt(np.diag(answer.covariance))
     assert found[0.008][0] > 1.3 * found[0.0][0]

@@ -236,7 +236,7 @@ class FusedEstimator(FrameEstimator):
         laid = []
         for key, lag in jobs:
             track, expected = known[key], self._expected(known[key], new[key], lag)
-            laid.append(Laid(track.looks[-lag].points, number[key], track.place.at(-1 - lag), expected))
+            laid.append(Laid(track.looks[-lag], number[key], track.place.at(-1 - lag), expected))
         found = self._shape.compare(laid, [new[key] for key in known])
         for (key, lag), evidence in zip(jobs, found, strict=True):
             by_change = self.settings.shape_changed if evidence.was_searched else 0.0

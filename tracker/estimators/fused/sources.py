@@ -30,7 +30,8 @@ TURN_SAMPLING = 0.5
 # large ones are left to Student's t): of plane-icp's variance of a turn and covariance of a shift, and of the latter
 # where histograms had a say.  The network's covariance is taken as it is.
 TURN_SHARE, SHAPE_SHARE, SEARCHED_SHARE = 0.06, 0.12, 0.3
-DENSER = 0.9  # clouds of n > SHAPE_POINTS points have errors whose variances go with n to the power of minus this
+# Clouds of n > SHAPE_POINTS points err less: variances go with n to the power of minus DENSER, as far as DENSEST.
+DENSER, DENSEST = 0.6, 3000
 FEW_POINTS = 25  # clouds with fewer are searched for around, ...
 SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
@@ -84,13 +85,13 @@ class Laid:
     """An earlier look that is to be laid on a newer one.
 
     Attributes:
-        earlier: its points [m].
+        earlier: the look.
         newer: number of the newer one.
         place: of the object's reference point in the earlier one (2) [m].
         expected: motion.
     """
 
-    earlier: Points
+    earlier: Look
     newer: int
     place: Vector
     expected: Expected
@@ -116,11 +117,11 @@ class Shape:
         """Lay many earlier looks on newer ones at once; several may be laid on the same one."""
         if not laid:
             return []
-        moved = [se3.transform(job.expected.T, job.earlier) for job in laid]
+        moved = [se3.transform(job.expected.T, job.earlier.points) for job in laid]
         targets = [newer[job.newer] for job in laid]
         priors = [_prior(job.expected, a, b.points) for job, a, b in zip(laid, moved, targets, strict=True)]
         found = self._searched(laid, moved, targets, priors)
-        fewest = [min(len(cloud), len(look.points)) for cloud, look in zip(moved, targets, strict=True)]
+        fewest = [min(job.earlier.n_points, look.n_points) for job, look in zip(laid, targets, strict=True)]
         beliefs = [
             prior if result is None else _belief(result, job.expected, n_points)
             for prior, result, job, n_points in zip(priors, found, laid, fewest, strict=True)
@@ -225,10 +226,15 @@ def _evidence_of_shape(
     if expected.covariance is not None:
         prior = expected.covariance + expected.contrary if was_searched else expected.covariance
         information = _without(information, _inverse(prior))
-    information /= SEARCHED_SHARE if was_searched else SHAPE_SHARE * min(SHAPE_POINTS / n_points, 1.0) ** DENSER
+    information /= SEARCHED_SHARE if was_searched else SHAPE_SHARE * _denser(n_points)
     turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
     variance = TURN_SHARE * result.covariance[2, 2] + (TURN_SAMPLING / n_points) ** 2
     return Evidence(step, information, turn, float(variance) if is_refined else float("inf"), was_searched)
+
+
+def _denser(n_points: int) -> float:
+    """Give the share of their variance that dense clouds have."""
+    return (SHAPE_POINTS / min(max(n_points, SHAPE_POINTS), DENSEST)) ** DENSER
 
 
 def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, place: Vector) -> Evidence:
