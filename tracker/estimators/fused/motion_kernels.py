@@ -14,18 +14,38 @@ from tracker.estimators.fused import heavy_tails
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def information(dt, density, shake, D):
-    """Give the information of one step of a motion of nearly constant rate over (place, rate) at both its ends."""
-    Q = np.zeros((2 * D, 2 * D))
-    Q[:D, :D] = shake
-    J = np.zeros((2 * D, 4 * D))
+    """Give the information of one step of a motion of nearly constant rate over (place, rate) at both its ends.
+
+    The rate changes by a white noise, and, independent of that, the place by `density` dt^3 / 12, and the shake, beside
+    the mean of both rates.
+    """
+    open_ = shake.copy()
     for d in range(D):
-        Q[d, d] += density * dt**3 / 3.0
-        Q[d, D + d] = Q[D + d, d] = density * dt**2 / 2.0
-        Q[D + d, D + d] = density * dt
-        J[d, D + d] = -dt
-    for d in range(2 * D):
-        J[d, d], J[d, 2 * D + d] = -1.0, 1.0
-    return J.T @ np.linalg.inv(Q) @ J
+        open_[d, d] += density * dt**3 / 12.0
+    told = inverse(open_, D)
+    place, rate = (-1.0, -0.5 * dt, 1.0, -0.5 * dt), (0.0, -1.0, 0.0, 1.0)
+    found = np.zeros((4 * D, 4 * D))
+    for p in range(4):
+        for q in range(4):
+            for d in range(D):
+                found[p * D + d, q * D + d] = rate[p] * rate[q] / (density * dt)
+                for e in range(D):
+                    found[p * D + d, q * D + e] += place[p] * place[q] * told[d, e]
+    return found
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def inverse(A, D):
+    """Invert a symmetric matrix (D, D), of one row or two."""
+    found = np.empty((D, D))
+    if D == 1:
+        found[0, 0] = 1.0 / A[0, 0]
+    else:
+        determinant = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+        found[0, 0], found[1, 1] = A[1, 1] / determinant, A[0, 0] / determinant
+        found[0, 1] = found[1, 0] = -A[0, 1] / determinant
+    return found
 
 
 @njit(cache=True, nogil=True)
@@ -87,7 +107,7 @@ def steps(state, covariance, times, tells, shakes, density, tail, D):
         surprise = both @ information(dt, density, shakes[j + 1], D) @ both
         own = density * dt**3 / 12.0 / heavy_tails.weight(tail, 2 * D, surprise) * one
         # the share of the shake: all, where places do not tell of a velocity
-        shake = shakes[j + 1] @ np.linalg.inv(shakes[j + 1] + own) if tells[j] else one
+        shake = shakes[j + 1] @ inverse(shakes[j + 1] + own, D) if tells[j] else one
         J[:, :D], J[:, 2 * D : 3 * D] = shake - one, one - shake
         J[:, D : 2 * D] = J[:, 3 * D :] = 0.5 * dt * shake
         joint = np.ascontiguousarray(covariance[first : first + 4 * D, first : first + 4 * D])

@@ -233,6 +233,8 @@ def _crossed(past_end: Sequence[float]) -> Float64[np.ndarray, " n"]:
     Args:
         past_end: see `Look`.
     """
+    if all(map(math.isnan, past_end)):
+        return np.zeros(len(past_end) - 1)
     return np.nan_to_num(np.abs(np.diff(ndtr(np.array(past_end) / CENTER_SD))))
 
 
