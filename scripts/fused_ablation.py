@@ -1,4 +1,4 @@
-"""Measure what each ingredient of the estimator `fused` buys, for the table of docs/fused.md.
+"""Measure what each ingredient of the estimator `fused` buys, for the table of docs/fused-measured.md.
 
 python -m regmot.fused_ablation ROOT OUT [world|sensor] [SEQUENCE ...]
 

@@ -1,4 +1,4 @@
-"""Measure what estimators say when a car's speed changes at once, or its box jumps, for the table of docs/fused.md.
+"""Measure what estimators say when a car's speed changes at once, or its box jumps: a table of docs/fused-measured.md.
 
 python -m regmot.sudden_changes [SCENES]
 
