@@ -4,6 +4,8 @@ An object's unknowns are, D numbers each for each frame: place and rate.  Compar
 difference of place, in the axes of their frames.  How these axes stand against ones that do not turn is unknown too,
 and the same for all objects: eliminating the objects one by one (Schur complement) leaves a small system for the axes.
 
+numba's cache of `solve` looks at this file only: after a change in a neighbour, delete `__pycache__/*.nb*` beside it.
+
 Source: iteratively reweighted least squares for Student's t (`heavy_tails`); elimination as in bundle adjustment,
 Triggs et al., "Bundle adjustment - a modern synthesis", 2000, section 6.1.
 """
