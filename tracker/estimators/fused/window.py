@@ -241,14 +241,11 @@ class Window:
         One that says nothing is left out, and one with a look that is off; see `Comparison`.  Beside what it claims
         it has the covariance `doubt`; None: nothing.
         """
-        if information.any() and not self.is_off[-1 - lag]:
-            d = len(start)
-            measured = np.zeros(2 * d + 2 * d * d)
-            measured[:d], measured[d : 2 * d] = start, start + step
-            measured[2 * d : -d * d] = information.ravel()
-            if doubt is not None:
-                measured[-d * d :] = doubt.ravel()
-            self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
+        if self.is_off[-1 - lag] or not information.any():
+            return
+        beside = np.zeros(information.size) if doubt is None else doubt.ravel()
+        measured = np.concatenate((start, start + step, information.ravel(), beside))
+        self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
 
     def n_told(self, lag: int) -> int:
         """Say how many comparisons of earlier frames there are with the frame `lag` before the latest, as the older."""
