@@ -124,42 +124,71 @@ def _cell(position, n_cells):
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def nearest_points(  # noqa: PLR0913
-    begin, end, queries, queries_begin, points, points_begin, first, first_begin, frames, rows, distances2
+    begin, end, queries, queries_begin, points, points_begin, first, first_begin, frames, radius, rows, distances2
 ):
     """Fill in the nearest points of each query of clouds `begin` to `end` of a batch (see `point_to_point`).
 
-    As many a query as `rows` has columns, nearest first, closer than what `distances2` holds; row -1 for no point.
+    As many a query as `rows` has columns, which hold -1, nearest first, closer than `radius` [m]; row -1 for no point.
     """
     for n in range(begin, end):
         target, target_first = points[points_begin[n] : points_begin[n + 1]], first[first_begin[n] : first_begin[n + 1]]
         for i in range(queries_begin[n], queries_begin[n + 1]):
-            search(target, target_first, frames[n], queries[i, 0], queries[i, 1], queries[i, 2], rows[i], distances2[i])
+            x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+            look_around(target, target_first, frames[n], x, y, z, radius, rows[i], distances2[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def search(points, first, frame, x, y, z, rows, distances2):  # noqa: PLR0913
-    """Find the nearest points, as many as `rows` holds, that are closer than what `distances2` holds."""
-    last = len(rows) - 1
-    farthest2 = distances2[last]
+def look_around(points, first, frame, x, y, z, reach, found, distances2):  # noqa: PLR0913
+    """Fill `found` with the nearest points closer than `reach`, nearest first, and -1 where there are no more.
+
+    Those of the place before, still in it, tell how far to look at most, unless they are -1.  Then those of the cell
+    that the place is in do, which come first.
+    """
+    farthest2, last = reach**2, len(found) - 1
+    if found[last] >= 0:
+        known2 = 0.0
+        for k in range(len(found)):
+            row = found[k]
+            known2 = max(known2, (points[row, 0] - x) ** 2 + (points[row, 1] - y) ** 2 + (points[row, 2] - z) ** 2)
+        farthest2 = min(farthest2, known2 * (1.0 + 1e-9) + CLOSE**2)
+    for k in range(len(found)):
+        found[k], distances2[k] = -1, farthest2
     n_x, n_y, n_z = int(frame[4]), int(frame[5]), int(frame[6])
     scale = 1.0 / frame[3]
-    reach = np.sqrt(farthest2) * scale + ROUNDING
     u, v, w = (x - frame[0]) * scale, (y - frame[1]) * scale, (z - frame[2]) * scale
-    y_low, y_high = _cell(v - reach, n_y), _cell(v + reach, n_y)
-    z_low, z_high = _cell(w - reach, n_z), _cell(w + reach, n_z)
-    for i in range(_cell(u - reach, n_x), _cell(u + reach, n_x) + 1):
-        for j in range(y_low, y_high + 1):
+    i_own, j_own = _cell(u, n_x), _cell(v, n_y)
+    own = (i_own * n_y + j_own) * n_z + _cell(w, n_z)
+    _search_rows(points, first[own], first[own + 1], x, y, z, found, distances2)
+    cells = np.sqrt(distances2[last]) * scale + ROUNDING
+    i_low, i_high = _cell(u - cells, n_x), _cell(u + cells, n_x)
+    j_low, j_high = _cell(v - cells, n_y), _cell(v + cells, n_y)
+    k_low, k_high = _cell(w - cells, n_z), _cell(w + cells, n_z)
+    for i in range(i_low, i_high + 1):
+        for j in range(j_low, j_high + 1):
             column = (i * n_y + j) * n_z
-            for row in range(np.uint64(first[column + z_low]), np.uint64(first[column + z_high + 1])):
-                distance2 = (points[row, 0] - x) ** 2 + (points[row, 1] - y) ** 2 + (points[row, 2] - z) ** 2
-                if distance2 < farthest2:
-                    place = last
-                    while place > 0 and distances2[place - 1] > distance2:
-                        distances2[place], rows[place] = distances2[place - 1], rows[place - 1]
-                        place -= 1
-                    distances2[place], rows[place] = distance2, row
-                    farthest2 = distances2[last]
+            if i == i_own and j == j_own:
+                _search_rows(points, first[column + k_low], first[own], x, y, z, found, distances2)
+                _search_rows(points, first[own + 1], first[column + k_high + 1], x, y, z, found, distances2)
+            else:
+                _search_rows(points, first[column + k_low], first[column + k_high + 1], x, y, z, found, distances2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _search_rows(points, begin, end, x, y, z, rows, distances2):  # noqa: PLR0913
+    """Put those of the rows that are nearer than what is there in their places."""
+    last = len(rows) - 1
+    farthest2 = distances2[last]
+    for row in range(np.uint64(begin), np.uint64(end)):
+        distance2 = (points[row, 0] - x) ** 2 + (points[row, 1] - y) ** 2 + (points[row, 2] - z) ** 2
+        if distance2 < farthest2:
+            place = last
+            while place > 0 and distances2[place - 1] > distance2:
+                distances2[place], rows[place] = distances2[place - 1], rows[place - 1]
+                place -= 1
+            distances2[place], rows[place] = distance2, row
+            farthest2 = distances2[last]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -187,11 +216,12 @@ def pair_up(points, first, frame, motion, within, memory, rows):  # noqa: PLR091
         if memory[SAFE, i] < 0.0:
             x, y, z = memory[X_NOW, i], memory[Y_NOW, i], memory[Z, i]
             if rows[LISTED, i] >= 0:
-                found[:] = rows[:, i]
+                for k in range(LISTED + 1):
+                    found[k] = rows[k, i]
             look_around(points, first, frame, x, y, z, 1.5 * within, found, distances2)
-            rows[:, i] = found
+            rows[LISTED, i] = found[LISTED]
             for k in range(LISTED):
-                row = found[k]
+                row = rows[k, i] = found[k]
                 memory[LIST_X + k, i] = points[row, 0] if row >= 0 else np.inf
                 memory[LIST_Y + k, i] = points[row, 1] if row >= 0 else np.inf
                 memory[LIST_DZ2 + k, i] = (points[row, 2] - z) ** 2 if row >= 0 else np.inf
@@ -224,21 +254,6 @@ def ask_lists(motion, within, memory):
         memory[X_NOW, i], memory[Y_NOW, i] = x, y
         memory[DISTANCE2, i], memory[NEAREST, i] = nearest2, nearest
         memory[SAFE, i] = memory[BEYOND, i] - moved - np.sqrt(matters2)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-@typing.no_type_check
-def look_around(points, first, frame, x, y, z, reach, found, distances2):  # noqa: PLR0913
-    """Fill `found` with the nearest points; those of the place before, still in it, tell how far to look at most."""
-    farthest2 = reach**2
-    if found[-1] >= 0:
-        known2 = 0.0
-        for row in found:
-            known2 = max(known2, (points[row, 0] - x) ** 2 + (points[row, 1] - y) ** 2 + (points[row, 2] - z) ** 2)
-        farthest2 = min(farthest2, known2 * (1.0 + 1e-9) + CLOSE**2)
-    for k in range(len(found)):
-        found[k], distances2[k] = -1, farthest2
-    search(points, first, frame, x, y, z, found, distances2)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -312,42 +327,53 @@ def _add_best_motion(within, memory, motion):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def fit_plane(points, first, frame, i, radius, n_line, rows, distances2, planes):  # noqa: PLR0913
-    """Fit a plane to the neighbourhood of point i: unit normal, variance of its lean [rad^2], and the squared radius of
-    the neighbourhood [m^2] (5), a row of `planes`.
+def fit_planes(points, first, frame, wanted, around, near, planes):  # noqa: PLR0913
+    """Fit planes to the neighbourhoods of points, where there is none yet: rows of `planes`, of which each has the unit
+    normal, the variance of its lean [rad^2], and the squared radius of the neighbourhood [m^2] (5).
 
-    Neighbourhood: the nearest points, itself among them, within `radius` [m], as many as there are `rows`, which tell
-    of a place near by, or are -1.  Where these lie on a line, as those of a single scan ring, the nearest `n_line` are
-    taken instead, of which some may be on other rings: a ring on a hood looks like one on a wall.  Those on a line too
-    leave the plane open: an upright one is taken then.  The normal is zero where there is no plane to fit.  A normal
-    leans sideways, along the ground, by the noise of the points that it was fitted to.
+    Neighbourhood: the nearest points, itself among them, within a radius.  Where these lie on a line, as those of a
+    single scan ring, more of the nearest are taken instead, of which some may be on other rings: a ring on a hood looks
+    like one on a wall.  Those on a line too leave the plane open: an upright one is taken then.  The normal is zero
+    where there is no plane to fit.  A normal leans sideways, along the ground, by the noise of the points that it was
+    fitted to.
+
+    Args:
+        points, first, frame: see `sort_into_cells`.
+        wanted: numbers of the points; -1 for none.
+        around: radius [m], number of nearest points, and on a line.
+        near: so many rows of points near by, or -1.
+        planes: filled in; NaN where there is none yet.
     """
-    scatter = np.empty((3, 3))
-    look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, rows, distances2)
-    n = _scatter(points, rows, scatter)
-    planes[i, 4] = distances2[max(n, 1) - 1]  # nearest first
-    values = _eigenvalues(scatter)
-    if n_line > len(rows) and not values[1] > LINE * values[2]:
-        more, farther2 = np.full(n_line, -1), np.empty(n_line)
-        look_around(points, first, frame, points[i, 0], points[i, 1], points[i, 2], radius, more, farther2)
-        n = _scatter(points, more, scatter)
+    (radius, _, n_line), scatter, distances2 = around, np.empty((3, 3)), np.empty(len(near))
+    more, farther2 = np.full(n_line, -1), np.empty(n_line)
+    for k in range(len(wanted)):
+        i = wanted[k]
+        if i < 0 or not np.isnan(planes[i, 0]):
+            continue
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        look_around(points, first, frame, x, y, z, radius, near, distances2)
+        n = _scatter(points, near, scatter)
+        planes[i, 4] = distances2[max(n, 1) - 1]  # nearest first
         values = _eigenvalues(scatter)
-    planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter, values)
-    planes[i, 3] = _lean(scatter, planes[i], n)
+        if n_line > len(near) and not values[1] > LINE * values[2]:
+            more[n_line - 1] = -1
+            look_around(points, first, frame, x, y, z, radius, more, farther2)
+            n = _scatter(points, more, scatter)
+            values = _eigenvalues(scatter)
+        planes[i, 0], planes[i, 1], planes[i, 2] = _normal(scatter, values)
+        planes[i, 3] = _lean(scatter, planes[i, 0], planes[i, 1], planes[i, 2], n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def _lean(scatter, normal, n):
+def _lean(scatter, n_x, n_y, n_z, n):
     """Give the variance of how far a normal leans sideways: that of the slope of a plane through n points, there."""
-    steepness = np.hypot(normal[0], normal[1])
+    steepness = np.hypot(n_x, n_y)
     if n <= PLANE_NUMBERS or not steepness > FLAT:
         return 0.0
-    x, y = -normal[1] / steepness, normal[0] / steepness
-    across = 0.0
-    for a in range(3):
-        for b in range(3):
-            across += normal[a] * scatter[a, b] * normal[b]
+    x, y = -n_y / steepness, n_x / steepness
+    across = n_x * n_x * scatter[0, 0] + n_y * n_y * scatter[1, 1] + n_z * n_z * scatter[2, 2]
+    across += 2.0 * (n_x * n_y * scatter[0, 1] + n_x * n_z * scatter[0, 2] + n_y * n_z * scatter[1, 2])
     along = x * x * scatter[0, 0] + 2.0 * x * y * scatter[0, 1] + y * y * scatter[1, 1]
     return max(across, 0.0) / (n - PLANE_NUMBERS) / along if along > 0.0 else 0.0
 
@@ -357,12 +383,14 @@ def _lean(scatter, normal, n):
 def _scatter(points, rows, scatter):
     """Sum the products of coordinates about the mean of some rows, those of -1 left out; give their number."""
     n, x, y, z = 0, 0.0, 0.0, 0.0
-    for row in rows:
+    for k in range(len(rows)):
+        row = rows[k]
         if row >= 0:
             n += 1
             x, y, z = x + points[row, 0], y + points[row, 1], z + points[row, 2]
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for row in rows:
+    for k in range(len(rows)):
+        row = rows[k]
         if row >= 0:
             a, b, c = points[row, 0] - x / n, points[row, 1] - y / n, points[row, 2] - z / n
             xx, xy, xz, yy, yz, zz = xx + a * a, xy + a * b, xz + a * c, yy + b * b, yz + b * c, zz + c * c
@@ -443,7 +471,7 @@ def point_to_plane(  # noqa: PLR0913
     """Align pairs `begin` to `end` of a batch by bringing points onto their neighbours' planes.
 
     As `point_to_point`, and: `own[k]`: which target is that of pair k; `planes` about the targets' points, NaN where
-    none is fitted yet, by `fit_plane` with `around`: (radius [m], number of neighbours, and on a line); `limits`:
+    none is fitted yet, by `fit_planes` with `around`: (radius [m], number of neighbours, and on a line); `limits`:
     (max_distance [m], max_iterations, tolerance [m and rad], min_points, noise [m], patches: patch_share^-2,
     robust_scale [m], independent pairs, belief about the change of height [1/m^2]); `beliefs[k]`: inverse covariance of
     the start; `informations[k]` becomes what the planes alone say of the motion, an inverse covariance too;
@@ -463,7 +491,7 @@ def point_to_plane(  # noqa: PLR0913
 @typing.no_type_check
 def _align_planes(source, target, around, limits, belief, motion, information):
     points, first, frame, planes = target
-    near, distances2 = np.full(around[1], -1), np.empty(around[1])
+    near, wanted = np.full(around[1], -1), np.empty(len(source), np.int64)
     (max_distance, max_iterations, tolerance, min_points, noise, patches, robust_scale, independent, height_belief) = (
         limits
     )
@@ -480,9 +508,8 @@ def _align_planes(source, target, around, limits, belief, motion, information):
         if n_pairs < min_points:
             return NO_OVERLAP, 0, np.nan, iteration - 1, lift
         for i in range(memory.shape[1]):
-            nearest = rows[int(memory[NEAREST, i]), i]
-            if memory[DISTANCE2, i] < max_distance**2 and np.isnan(planes[nearest, 0]):
-                fit_plane(points, first, frame, nearest, around[0], around[2], near, distances2, planes)
+            wanted[i] = rows[int(memory[NEAREST, i]), i] if memory[DISTANCE2, i] < max_distance**2 else -1
+        fit_planes(points, first, frame, wanted, around, near, planes)
         n_planes = _compare_with_planes(
             points, planes, motion, max_distance, robust_scale, patches, memory, rows, full, gradient, leaning
         )

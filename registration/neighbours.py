@@ -109,10 +109,12 @@ def _search(
         return []
     asked, begin = pack_arrays(queries)
     rows = np.full((len(asked), k), -1, dtype=np.int64)
-    distances2 = np.full((len(asked), k), radius**2)
+    distances2 = np.empty((len(asked), k))
     packed = pack(grids)
     share_out(
-        lambda a, b: icp_kernels.nearest_points(a, b, asked, begin, *packed, rows, distances2), len(grids), threads
+        lambda a, b: icp_kernels.nearest_points(a, b, asked, begin, *packed, float(radius), rows, distances2),
+        len(grids),
+        threads,
     )
     distances = np.where(rows >= 0, np.sqrt(distances2), np.inf)
     found = []

@@ -37,9 +37,9 @@ def ring(n, seed=0, noise=0.005):
 
 def planes_of(points, radius=0.5, n_neighbours=20, n_line=20):
     grid = build_grid(points, radius)
-    planes, near, distances2 = np.empty((len(points), 5)), np.full(n_neighbours, -1), np.empty(n_neighbours)
-    for i in range(len(points)):
-        icp_kernels.fit_plane(grid.points, grid.first, grid.frame, i, radius, n_line, near, distances2, planes)
+    planes, near = np.full((len(points), 5), np.nan), np.full(n_neighbours, -1)
+    around = radius, n_neighbours, n_line
+    icp_kernels.fit_planes(grid.points, grid.first, grid.frame, np.arange(len(points)), around, near, planes)
     return planes[np.argsort(grid.order)]
 
 
