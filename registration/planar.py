@@ -23,10 +23,22 @@ def wrap(angle: float) -> float:
     return float(-((-angle + np.pi) % (2.0 * np.pi) - np.pi))
 
 
+def wrap_all(angles: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
+    """Bring angles [rad] to (-pi, pi]."""
+    found: Float64[np.ndarray, "*n"] = np.pi - (np.pi - angles) % (2.0 * np.pi)
+    return found
+
+
 def rotation(yaw: float) -> Float64[np.ndarray, "2 2"]:
     """Rotate counter-clockwise by `yaw` [rad]."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s], [s, c]])
+
+
+def rotate_all(vectors: Float64[np.ndarray, "n 2"], yaws: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
+    """Rotate each vector counter-clockwise by its own angle [rad]."""
+    c, s, (x, y) = np.cos(yaws), np.sin(yaws), vectors.T
+    return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 def compose(second: Motion, first: Motion) -> Motion:
@@ -58,6 +70,27 @@ def transport_covariance(covariance: Covariance, yaw: float, old: Vector2, new: 
     c, s, (x, y) = math.cos(yaw), math.sin(yaw), (new - old).tolist()
     J = np.array([[1.0, 0.0, -s * x - c * y], [0.0, 1.0, c * x - s * y], [0.0, 0.0, 1.0]])
     return J @ covariance @ J.T
+
+
+def transport_covariances(
+    covariances: Float64[np.ndarray, "n 3 3"], yaws: Float64[np.ndarray, " n"], arms: Float64[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Do `transport_covariance` for many motions at once, to centres so far from the old ones."""
+    J = np.tile(np.eye(3), (len(yaws), 1, 1))
+    across = rotate_all(arms, yaws)
+    J[:, 0, 2], J[:, 1, 2] = -across[:, 1], across[:, 0]
+    found: Float64[np.ndarray, "n 3 3"] = J @ covariances @ J.transpose(0, 2, 1)
+    return found
+
+
+def inverses(matrices: Float64[np.ndarray, "*n 2 2"]) -> Float64[np.ndarray, "*n 2 2"]:
+    """Invert symmetric matrices of two rows; NumPy's own takes longer to call than to compute."""
+    a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
+    found = np.empty_like(matrices)
+    found[..., 0, 0], found[..., 1, 1], found[..., 0, 1] = c, a, -b
+    found[..., 1, 0] = found[..., 0, 1]
+    found /= (a * c - b * b)[..., None, None]
+    return found
 
 
 def motion_about(T_target_source: Float64[np.ndarray, "4 4"], center: Float64[np.ndarray, "3"]) -> Motion:

@@ -8,7 +8,8 @@ from tests.segments import segment
 from tracker.estimators.contract import look
 from tracker.estimators.fused.look import looked_at
 from tracker.estimators.fused.sensor import Sensor
-from tracker.estimators.fused.sources import Learned
+from tracker.estimators.fused.sources import Laid, Learned
+from tracker.estimators.fused.steps import Steps
 
 
 def kept(points, encoding, lags=None):
@@ -20,3 +21,43 @@ def kept(points, encoding, lags=None):
 
 def encoded(cloud, class_name="Car"):
     return Learned().encode([look(replace(segment(cloud, 1), class_name=class_name), None)])[0]
+
+
+def laid_on(earlier, newer, place, shift, sd, turn_sd, contrary=None):
+    """Say where one earlier look is expected in a newer one, which is the first: so far on, and unsure by so much."""
+    return Laid(
+        earlier=[earlier],
+        newer=[0],
+        places=np.array([place]),
+        shifts=np.array([shift]),
+        turns=np.zeros(1),
+        covariances=sd**2 * np.eye(2)[None],
+        is_expected=np.ones(1, dtype=np.bool_),
+        turn_variances=np.array([turn_sd**2]),
+        contraries=np.zeros((1, 2, 2)) if contrary is None else contrary[None],
+    )
+
+
+def seen(objects, n=3):
+    """Give the latest n steps of objects: place half-way, velocity, its standard deviation, and maybe its slips (see
+    `Steps`), the same in each step.
+    """
+    places, velocities, sds, slips = zip(*((*o, (0.0, 0.0))[:4] for o in objects), strict=True)
+    k, frames = len(objects), np.tile(np.arange(1, n + 1), len(objects))
+    places, velocities, slips = (
+        np.repeat(np.array(x, dtype=np.float64), n, axis=0) for x in (places, velocities, slips)
+    )
+    return Steps(
+        owners=np.repeat(np.arange(k), n),
+        frames=frames,
+        numbers=frames,
+        lengths=np.ones(k * n, dtype=np.int64),
+        places=places,
+        velocities=velocities,
+        covariances=np.repeat(sds, n)[:, None, None] ** 2 * np.eye(2),
+        doubts=np.zeros((k * n, 2, 2)),
+        slips=slips,
+        by_clock=np.ones(k * n),
+        centers=places[n - 1 :: n],
+        yaw_rates=np.zeros(k),
+    )

@@ -45,6 +45,11 @@ class Answers:
         xx, xy, yy = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
         return np.sqrt(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))
 
+    def covariances_about(self, arms: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3 3"]:
+        """Carry the covariances from the objects' centres to places so far from there, in the source [m]."""
+        covariance = planar.transport_covariances(self.covariance, self.turn, arms)
+        return 0.5 * (covariance + covariance.transpose(0, 2, 1)) + ROUNDING * np.eye(3)
+
 
 def read(motion: Motion, has_covariance: bool, scale: float) -> Answers:
     """Bring the network's outputs to numpy.
@@ -64,7 +69,7 @@ def read(motion: Motion, has_covariance: bool, scale: float) -> Answers:
 
 
 def results(
-    answers: Answers, clouds: Sequence[tuple[Points, Points]], sources: Places, targets: Places, turn: Numbers
+    answers: Answers, clouds: Sequence[tuple[Points, Points]], sources: Places, targets: Places
 ) -> list[RegistrationResult]:
     """Make registration results of the answers.
 
@@ -72,14 +77,13 @@ def results(
         answers: of n pairs.
         clouds: source and target of each.
         sources, targets: their means.
-        turn: of the objects, made unambiguous [rad].
     """
-    center, moved_center = sources + answers.center, targets + answers.moved_center
+    center, moved_center, turn = sources + answers.center, targets + answers.moved_center, answers.turn
     T = np.tile(np.eye(4), (len(turn), 1, 1))
     T[:, :3, :3] = _turns(turn)
     T[:, :3, 3] = moved_center - (T[:, :3, :3] @ center[:, :, None])[:, :, 0]
     T[:, 2, 3] = targets[:, 2] - sources[:, 2]
-    covariance = _about_centroids(answers, turn)
+    covariance = answers.covariances_about(-answers.center[:, :2])
     return [
         RegistrationResult(
             T_target_source=T[k],
@@ -124,15 +128,3 @@ def _turns(angle: Numbers) -> Float64[np.ndarray, "n 3 3"]:
     c, s = np.cos(angle), np.sin(angle)
     R[:, 0, 0], R[:, 0, 1], R[:, 1, 0], R[:, 1, 1], R[:, 2, 2] = c, -s, s, c, 1.0
     return R
-
-
-def _about_centroids(answers: Answers, turn: Numbers) -> Float64[np.ndarray, "n 3 3"]:
-    """Carry the covariances from the objects' centres to the means of the source clouds.
-
-    This is `planar.transport_covariance` for n motions at once.
-    """
-    J = np.tile(np.eye(3), (len(turn), 1, 1))
-    c, s, x, y = np.cos(turn), np.sin(turn), -answers.center[:, 0], -answers.center[:, 1]
-    J[:, 0, 2], J[:, 1, 2] = -s * x - c * y, c * x - s * y
-    covariance = J @ answers.covariance @ J.transpose(0, 2, 1)
-    return 0.5 * (covariance + covariance.transpose(0, 2, 1)) + ROUNDING * np.eye(3)

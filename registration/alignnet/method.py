@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from numpy.typing import ArrayLike
 
 from registration.alignnet import answers, checkpoint, inference
@@ -125,6 +125,36 @@ class LearnedRegistration(PairMethod):
         """Compare one pair."""
         return self.align([(source, target)], [prior])[0]
 
+    def compare(
+        self, pairs: Sequence[tuple[Cloud, Cloud]], turns: Float64[np.ndarray, " n"] | None = None
+    ) -> tuple[Answers, Bool[np.ndarray, " n"]]:
+        """Ask the network about pairs of clouds that it has encoded (see `Cloud.rows`), all answers in one piece.
+
+        Args:
+            pairs: n of them, one at least.
+            turns: that are expected [rad], where front and back do not differ; None: none.
+
+        Returns:
+            answers, and where the network does not know, or contradicts the clouds (n).
+
+        Raises:
+            ValueError: a cloud has too few points for it to have been encoded.
+        """
+        networks, about = self._load()
+        rows = [(source.rows[0], target.rows[1]) for source, target in pairs if source.rows and target.rows]
+        if len(rows) < len(pairs):
+            raise ValueError(
+                f"expected clouds of {self.min_points} points or more, got {len(pairs) - len(rows)} smaller"
+            )
+        sources, targets = (inference.from_rows(side, networks[0]) for side in zip(*rows, strict=True))
+        with torch.inference_mode():
+            motion = networks[0].align(sources, targets)
+        found = answers.read(motion, about.architecture.covariance, about.covariance_scale)
+        if self.fold_turn:
+            expected = np.zeros(len(pairs)) if turns is None else turns
+            found = replace(found, turn=answers.nearest_turns(found.turn, expected))
+        return found, (found.offset > self.max_offset) | (found.spread > self.max_spread)
+
     def center(self, cloud: Cloud) -> Point | None:
         """Say where the network believes the object's centre [m]; None where there are too few points to tell."""
         return None if cloud.rows is None else cloud.centroid + inference.center(cloud.rows[0])
@@ -157,27 +187,15 @@ class LearnedRegistration(PairMethod):
         self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]
     ) -> list[RegistrationResult]:
         """Compare pairs of encoded clouds, and judge what the network says of them."""
-        found = self._compare(pairs)
-        turn = found.turn
-        if self.fold_turn:
-            turn = answers.nearest_turns(turn, np.array([0.0 if p is None else p.mean[2] for p in priors]))
+        found, is_doubtful = self.compare(pairs, np.array([0.0 if p is None else p.mean[2] for p in priors]))
         sources, targets = (np.stack([pair[side].centroid for pair in pairs]) for side in (0, 1))
-        results = answers.results(found, [(a.points, b.points) for a, b in pairs], sources, targets, turn)
-        is_doubtful = (found.offset > self.max_offset) | (found.spread > self.max_spread)
+        results = answers.results(found, [(a.points, b.points) for a, b in pairs], sources, targets)
         for k, (pair, prior) in enumerate(zip(pairs, priors, strict=True)):
             if is_doubtful[k]:
                 results[k] = _fallback(pair, prior, Status.NOT_CONVERGED)
             elif prior is not None:
                 results[k] = answers.fused(results[k], prior)
         return results
-
-    def _compare(self, pairs: Sequence[tuple[Cloud, Cloud]]) -> Answers:
-        networks, about = self._load()
-        rows = [(source.rows[0], target.rows[1]) for source, target in pairs if source.rows and target.rows]
-        sources, targets = (inference.from_rows(side, networks[0]) for side in zip(*rows, strict=True))
-        with torch.inference_mode():
-            motion = networks[0].align(sources, targets)
-        return answers.read(motion, about.architecture.covariance, about.covariance_scale)
 
 
 class AlignNetCars(LearnedRegistration):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from registration import icp_kernels, iterative, neighbours, uncertainty
 from registration.iterative import BatchMethod, Cloud
@@ -28,7 +28,7 @@ CENTROIDS_SHARE = 0.53  # factor of `uncertainty.of_centroids`' standard deviati
 CENTROIDS_APART = 2.4  # ... share of the extent by which their centroids differ if nothing overlaps
 BELIEVED_LIFT = 0.1  # standard deviation of the change in z about that of the centroids [m]
 DENSE = 500  # points; cells of larger clouds are smaller, so that a search looks at no more points
-_ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
+ROUNDING = 1e-8  # so that a prior that claims certainty has an inverse [m^2, rad^2]
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,39 @@ class PointToPlaneICP(BatchMethod):
         self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]
     ) -> list[RegistrationResult]:
         """Iterate each pair from its start by damped Gauss-Newton steps."""
-        n = len(pairs)
-        motions, outcomes, informations = iterative.starts(pairs, priors), np.empty((n, 5)), np.zeros((n, 3, 3))
         doubts = np.array([_doubt(*pair, prior) for pair, prior in zip(pairs, priors, strict=True)])
+        found = self.iterate(pairs, iterative.starts(pairs, priors), doubts)
+        apart, known = found.apart, np.linalg.inv(doubts)
+        for k, ((source, target), prior) in enumerate(zip(pairs, priors, strict=True)):
+            if prior is None:
+                known[k] = np.linalg.inv(_centroids_doubt(source, target, apart[k]))
+        return [
+            _result(*each)
+            for each in zip(
+                pairs,
+                found.motions.tolist(),
+                found.outcomes.tolist(),
+                found.covariances(known),
+                found.is_degenerate(self.unsure),
+                strict=True,
+            )
+        ]
+
+    def iterate(
+        self,
+        pairs: Sequence[tuple[Cloud, Cloud]],
+        starts: Float64[np.ndarray, "n 3"],
+        doubts: Float64[np.ndarray, "n 3 3"],
+    ) -> "Iterated":
+        """Do the work of `align_batch`, for who wants all of its answers in one piece.
+
+        Args:
+            pairs: of prepared clouds, one at least.
+            starts: motions (x, y, yaw) between the clouds about their centroids [m, m, rad].
+            doubts: covariances of these.
+        """
+        n, motions = len(pairs), starts.copy()
+        outcomes, informations, beliefs = np.empty((n, 5)), np.zeros((n, 3, 3)), np.linalg.inv(doubts)
         sources, begin = neighbours.pack_arrays([source.grid.points for source, _ in pairs])
         # pairs of one target share its planes, which are fitted where they are needed; on several threads they do not
         keys = [id(target) if self.threads <= 1 else k for k, (_, target) in enumerate(pairs)]
@@ -98,7 +128,6 @@ class PointToPlaneICP(BatchMethod):
         own, targets = np.array([numbers[key] for key in keys]), neighbours.pack(list(grids.values()))
         planes = np.full((len(targets.points), 5), np.nan)
         around = float(self.normal_radius), self.normal_neighbours, self.line_neighbours
-        beliefs = np.linalg.inv(doubts)
         neighbours.share_out(
             lambda a, b: icp_kernels.point_to_plane(
                 a, b, sources, begin, *targets, planes, own, around, self._limits(), beliefs, motions, outcomes,
@@ -107,17 +136,64 @@ class PointToPlaneICP(BatchMethod):
             n,
             self.threads,
         )  # fmt: skip
-        covariances = covariances_of_planes(self.noise**2 * informations, pairs, priors, beliefs, outcomes)
-        is_degenerate = np.linalg.eigvalsh(informations[:, :2, :2])[:, 0] * self.unsure**2 < 1.0
-        return [
-            _result(*each)
-            for each in zip(pairs, motions.tolist(), outcomes.tolist(), covariances, is_degenerate, strict=True)
-        ]
+        sizes = np.array([(len(source.points), len(target.points)) for source, target in pairs])
+        return Iterated(motions, outcomes, informations, sizes, self.noise)
 
     def _limits(self) -> tuple[float, int, float, int, float, float, float, float, float]:
         pairs = float(self.noise), float(self.patch_share) ** -2, float(self.robust_scale)
         floats = (*pairs, float(self.independent_pairs), BELIEVED_LIFT**-2)
         return (float(self.max_distance), self.max_iterations, float(self.tolerance), self.min_points, *floats)
+
+
+@dataclass(frozen=True, slots=True)
+class Iterated:
+    """Where the iterations of n pairs ended.
+
+    Attributes:
+        motions: (x, y, yaw) between the clouds about their centroids (n, 3) [m, m, rad].
+        outcomes: see `icp_kernels.point_to_plane` (n, 5).
+        informations: what the planes alone say of the motions, as inverse covariances (n, 3, 3).
+        sizes: points of both clouds (n, 2).
+        noise: of a point's distance to its plane, by these [m].
+    """
+
+    motions: Float64[np.ndarray, "n 3"]
+    outcomes: Float64[np.ndarray, "n 5"]
+    informations: Float64[np.ndarray, "n 3 3"]
+    sizes: Int64[np.ndarray, "n 2"]
+    noise: float
+
+    @property
+    def apart(self) -> Float64[np.ndarray, " n"]:
+        """Give the share of each source that has no partner."""
+        shares: Float64[np.ndarray, " n"] = 1.0 - self.outcomes[:, 1] / np.maximum(self.sizes[:, 0], 1)
+        return shares
+
+    @property
+    def is_found(self) -> Bool[np.ndarray, " n"]:
+        """Say where planes had a say at all."""
+        return np.isin(self.outcomes[:, 0], (icp_kernels.CONVERGED, icp_kernels.NOT_CONVERGED))
+
+    def covariances(self, known: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3 3"]:
+        """Bound the errors of the motions.
+
+        The planes' information and the start's make the covariance; both count less where the clouds show different
+        parts of the object, the planes' also where points are few and where the iterations did not settle.
+
+        Args:
+            known: inverse covariances of the starts.
+        """
+        fewest = np.maximum(self.sizes.min(axis=1), 1)
+        variances = PLANE_SHARED**2 * self.outcomes[:, 1] + PLANE_SAMPLING**2 / fewest + PLANE_APART**2 * self.apart**2
+        variances[self.outcomes[:, 0] != icp_kernels.CONVERGED] *= UNSETTLED**2
+        covariances = np.linalg.inv(self.informations * (self.noise**2 / variances)[:, None, None] + known)
+        covariances[:, :2, :2] += PLANE_FLOOR**2 * np.eye(2)
+        found: Float64[np.ndarray, "n 3 3"] = 0.5 * (covariances + covariances.transpose(0, 2, 1))
+        return found
+
+    def is_degenerate(self, unsure: float) -> Bool[np.ndarray, " n"]:
+        """Say where the planes alone would leave some direction unsure by more than that [m]."""
+        return np.linalg.eigvalsh(self.informations[:, :2, :2])[:, 0] * unsure**2 < 1.0
 
 
 def _result(
@@ -144,40 +220,6 @@ def _result(
     )
 
 
-def covariances_of_planes(
-    informations: Float64[np.ndarray, "n 3 3"],
-    pairs: Sequence[tuple[Cloud, Cloud]],
-    priors: Sequence[MotionPrior | None],
-    beliefs: Float64[np.ndarray, "n 3 3"],
-    outcomes: Float64[np.ndarray, "n 5"],
-) -> Float64[np.ndarray, "n 3 3"]:
-    """Bound the errors of motions found by pairing points with planes.
-
-    The planes' information and the start's make the covariance; both count less where the clouds show different
-    parts of the object, the planes' also where points are few and where the iterations did not settle.
-
-    Args:
-        informations: what the planes say of (x, y, yaw), for a variance of 1 m^2.
-        pairs: of clouds.
-        priors: of their motions.
-        beliefs: inverse covariances of the starts.
-        outcomes: see `icp_kernels.point_to_plane`.
-    """
-    sizes = np.array([(len(source.points), len(target.points)) for source, target in pairs])
-    n_pairs, fewest = outcomes[:, 1], np.maximum(sizes.min(axis=1), 1)
-    apart = 1.0 - n_pairs / np.maximum(sizes[:, 0], 1)
-    variances = PLANE_SHARED**2 * n_pairs + PLANE_SAMPLING**2 / fewest + PLANE_APART**2 * apart**2
-    variances[outcomes[:, 0] != icp_kernels.CONVERGED] *= UNSETTLED**2
-    known = beliefs.copy()
-    for k, ((source, target), prior) in enumerate(zip(pairs, priors, strict=True)):
-        if prior is None:
-            known[k] = np.linalg.inv(_centroids_doubt(source, target, apart[k]))
-    covariances = np.linalg.inv(informations / variances[:, None, None] + known)
-    covariances[:, :2, :2] += PLANE_FLOOR**2 * np.eye(2)
-    found: Float64[np.ndarray, "n 3 3"] = 0.5 * (covariances + covariances.transpose(0, 2, 1))
-    return found
-
-
 def _centroids_doubt(source: Cloud, target: Cloud, apart: float) -> PlanarCovariance:
     """Give the covariance of a start at the centroids, of clouds of which a share has no partners."""
     doubt = CENTROIDS_SHARE**2 * _doubt(source, target, None)
@@ -189,7 +231,7 @@ def _centroids_doubt(source: Cloud, target: Cloud, apart: float) -> PlanarCovari
 def _doubt(source: Cloud, target: Cloud, prior: MotionPrior | None) -> PlanarCovariance:
     """Give the covariance of the start."""
     if prior is not None:
-        return prior.covariance + _ROUNDING * np.eye(3)
+        return prior.covariance + ROUNDING * np.eye(3)
     if len(source.points) == 0 or len(target.points) == 0:
         return uncertainty.unknown()
     return uncertainty.of_centroids(source.points, target.points)

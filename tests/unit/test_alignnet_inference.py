@@ -83,6 +83,13 @@ def test_each_cloud_is_encoded_once(make, monkeypatch):
     assert calls == [3]
 
 
+def test_clouds_that_were_not_encoded_cannot_be_compared(make):
+    method = make()
+    few, many = method.prepare([CAR[:1], CAR])
+    with pytest.raises(ValueError, match="got 1 smaller"):
+        method.compare([(many, many), (few, many)])
+
+
 def test_a_quiet_network_answers_with_the_shift_of_the_centroids(make):
     result = make().register(CAR, se3.transform(T_TRUE, CAR))
     motion = result.motion_about(CAR.mean(axis=0))
@@ -243,7 +250,7 @@ def test_results_of_a_batch_are_those_of_the_formulas_pair_by_pair():
         covariance=0.01 * root @ root.transpose(0, 2, 1),
     )
     sources, targets = rng.normal(size=(2, 5, 3)) + [10.0, 5.0, -1.0]
-    results = answers.results(found, [(CAR, CAR)] * 5, sources, targets, found.turn)
+    results = answers.results(found, [(CAR, CAR)] * 5, sources, targets)
     for k, result in enumerate(results):
         center = sources[k] + found.center[k]
         shift = targets[k] + found.moved_center[k] - center

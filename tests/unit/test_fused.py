@@ -6,49 +6,51 @@ import numpy as np
 import pytest
 
 from registration import planar, se3
-from tests.looks import encoded, kept
+from tests.looks import encoded, kept, laid_on, seen
 from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
 from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene
-from tracker.estimators.fused.sources import Expected, Laid, Learned, Shape
-from tracker.estimators.fused.track import Steps
+from tracker.estimators.fused.sources import Learned, Shape
 from tracker.types import EstimateStatus
+
+
+def believed(information, doubt, scale):
+    found = np.empty((2, 2))
+    share = claims.believe(information[None], doubt[None], 0, scale, 2, found)
+    return found, share
 
 
 def test_claims_are_scaled_and_doubt_adds_to_them():
     covariance, doubt, scale = np.array([[0.04, 0.01], [0.01, 0.02]]), np.array([[0.09, -0.02], [-0.02, 0.01]]), 0.5
-    found, share = claims.believed(np.linalg.inv(covariance), doubt, scale, 2)
+    found, share = believed(np.linalg.inv(covariance), doubt, scale)
     np.testing.assert_allclose(np.linalg.inv(found), scale * covariance + doubt)
     own = scale * covariance
     assert share == pytest.approx(0.5 * np.trace(own @ np.linalg.inv(own + doubt)))
-    half_known, _ = claims.believed(np.diag([4.0, 0.0]), 0.25 * np.eye(2), 1.0, 2)
+    half_known, _ = believed(np.diag([4.0, 0.0]), 0.25 * np.eye(2), 1.0)
     np.testing.assert_allclose(half_known, np.diag([2.0, 0.0]))
-    assert claims.believed(np.zeros((2, 2)), 0.25 * np.eye(2), 1.0, 2)[1] == 0.0
+    assert believed(np.zeros((2, 2)), 0.25 * np.eye(2), 1.0)[1] == 0.0
 
 
 def test_shapes_tell_how_far_and_how_much_an_object_has_moved():
     cloud = car_cloud(400) + [15.0, 4.0, 0.0]
     place = cloud.mean(axis=0)[:2]
-    motion = planar.to_transform(np.array([0.8, 0.1, 0.02]), np.array([*place, 0.0]))
-    expected = Expected(planar.to_transform(np.array([0.7, 0.1, 0.0]), np.zeros(3)), 0.3**2 * np.eye(2), 0.05**2)
-    moved = se3.transform(motion, cloud)
-    newer = kept(moved, encoded(moved))
-    (found,) = Shape().compare([Laid(kept(cloud, encoded(cloud)), 0, place, expected)], [newer])
-    np.testing.assert_allclose(found.step, [0.8, 0.1], atol=0.02)
-    assert found.turn == pytest.approx(0.02, abs=0.01)
-    assert np.linalg.eigvalsh(found.information).min() >= 0.0
+    moved = se3.transform(planar.to_transform(np.array([0.8, 0.1, 0.02]), np.array([*place, 0.0])), cloud)
+    earlier, newer = kept(cloud, encoded(cloud)), kept(moved, encoded(moved))
+    found = Shape().compare(laid_on(earlier, newer, place, [0.7, 0.1], 0.3, 0.05), [newer])
+    np.testing.assert_allclose(found.steps, [[0.8, 0.1]], atol=0.02)
+    assert found.turns[0] == pytest.approx(0.02, abs=0.01)
+    assert np.linalg.eigvalsh(found.informations[0]).min() >= 0.0
 
 
 def test_dense_clouds_tell_more_but_not_without_end():
     cloud = car_cloud(600) + [10.0, 3.0, 0.0]
-    seen, place = kept(cloud, encoded(cloud)), cloud.mean(axis=0)[:2]
-    expected = Expected(np.eye(4), 0.1**2 * np.eye(2), 0.02**2)
+    look_of_all, place = kept(cloud, encoded(cloud)), cloud.mean(axis=0)[:2]
     told = []
     for n in (300, 1000, 3000, 30000):
-        look_of_n = replace(seen, n_points=n)
-        (found,) = Shape().compare([Laid(look_of_n, 0, place, expected)], [look_of_n])
-        told.append(np.linalg.eigvalsh(found.information).min())
+        look_of_n = replace(look_of_all, n_points=n)
+        found = Shape().compare(laid_on(look_of_n, look_of_n, place, [0.0, 0.0], 0.1, 0.02), [look_of_n])
+        told.append(np.linalg.eigvalsh(found.informations[0]).min())
     assert told[0] < 0.7 * told[1] < 0.49 * told[2]
     assert told[3] == pytest.approx(told[2])
 
@@ -60,16 +62,13 @@ def test_where_histograms_only_choose_between_two_places_the_outline_of_a_gap_is
         np.column_stack([rng.uniform(-1.0, 1.0, 150), np.zeros(150), rng.uniform(0.0, 1.4, 150)]) for _ in range(2)
     ]
     earlier, later = (cloud + rng.normal(0.0, 0.015, cloud.shape) + [30.0, 5.0, -1.5] for cloud in looks)
-    moved_along = planar.to_transform(np.array([0.4, 0.0, 0.0]), np.zeros(3))
-    sure, contrary = 0.1**2 * np.eye(2), np.diag([0.4**2, 0.0])
-    evidence = {}
-    for told in (np.zeros((2, 2)), contrary):
-        expected = Expected(moved_along, sure, 0.01**2, told)
-        job = Laid(kept(earlier, encoded(earlier)), 0, earlier.mean(axis=0)[:2], expected)
-        (evidence[bool(told.any())],) = Shape().compare([job], [kept(later, encoded(later))])
-    for found in evidence.values():
-        assert found.information[0, 0] < 0.09**-2
-        assert found.information[1, 1] > 0.05**-2
+    before, now, place = kept(earlier, encoded(earlier)), kept(later, encoded(later)), earlier.mean(axis=0)[:2]
+    for contrary in (np.zeros((2, 2)), np.diag([0.4**2, 0.0])):
+        (information,) = (
+            Shape().compare(laid_on(before, now, place, [0.4, 0.0], 0.1, 0.01, contrary), [now]).informations
+        )
+        assert information[0, 0] < 0.09**-2
+        assert information[1, 1] > 0.05**-2
 
 
 def test_many_comparisons_with_a_look_of_few_points_are_hardly_worth_more_than_one():
@@ -80,7 +79,8 @@ def test_many_comparisons_with_a_look_of_few_points_are_hardly_worth_more_than_o
         for comparison in estimator._tracks[7].place.comparisons:
             if comparison.older == 0:
                 row = comparison.measured
-                told[comparison.newer, row.tobytes()], _ = claims.believed(*row[4:].reshape(2, 2, 2), 1.0, 2)
+                information, doubt = row[4:].reshape(2, 2, 2)
+                told[comparison.newer, row.tobytes()], _ = believed(information, doubt, 1.0)
     information = [np.linalg.eigvalsh(told[key])[-1] for key in told]
     assert len(information) >= 4  # by histograms; the network does not know what three points are
     assert sum(information) < 3.0 * max(information)
@@ -127,30 +127,11 @@ def test_persons_are_shown_to_the_network_for_persons():
     assert cyclist.network is pedestrian.network
     assert pedestrian.network.name == "alignnet-persons"
     a, b, c = (kept(person, encoding) for encoding in (car, cyclist, pedestrian))
-    mixed, same = learned.ask([(a, b), (b, c)])
-    assert mixed is None
-    np.testing.assert_allclose(same.T_target_source[:2, 3], 0.0, atol=0.1)
-
-
-def seen_steps(places, velocities, sd, n=4):
-    """Give the same velocity in each of n steps, half-way at the same place."""
-    frames, lengths, none = np.arange(1, n + 1), np.ones(n, dtype=np.int64), np.zeros((n, 2, 2))
-    covariances = [np.tile(s**2 * np.eye(2), (n, 1, 1)) for s in sd]
-    return [
-        Steps(
-            frames,
-            frames,
-            lengths,
-            *(np.tile(x, (n, 1)) for x in pair),
-            C,
-            none,
-            none[:, 0],
-            np.zeros(2),
-            0.0,
-            np.ones(n),
-        )
-        for *pair, C in zip(places, velocities, covariances, strict=True)
-    ]
+    found = learned.ask([(a, b), (b, c)], np.tile(person.mean(axis=0)[:2], (2, 1)))
+    assert np.isinf(found.turn_variances[0])
+    assert not found.informations[0].any()
+    np.testing.assert_allclose(found.steps[1], 0.0, atol=0.1)
+    assert np.linalg.eigvalsh(found.informations[1]).min() > 0.0
 
 
 def test_an_object_that_nobody_is_sure_of_moves_as_those_that_stand():
@@ -159,31 +140,33 @@ def test_an_object_that_nobody_is_sure_of_moves_as_those_that_stand():
     velocities = standing.copy()
     velocities[3] += [1.5, -1.0]  # an error, of a cloud that nobody is sure of
     velocities[4] += [6.0, 0.0]  # a car that drives
-    settled, _ = scene.settle(seen_steps(places, velocities, [0.05, 0.05, 0.05, 1.5, 0.05]), scene.UNKNOWN)
+    sds = [0.05, 0.05, 0.05, 1.5, 0.05]
+    settled, _ = scene.settle(seen(list(zip(places, velocities, sds, strict=True)), n=4), scene.UNKNOWN)
+    found, covariances = settled.velocities.reshape(5, 4, 2), settled.covariances.reshape(5, 4, 2, 2)
     for k in range(4):
-        np.testing.assert_allclose(settled[k].velocities, np.tile(standing[k], (4, 1)), atol=0.3 if k == 3 else 0.05)
-    np.testing.assert_allclose(settled[4].velocities[-1], velocities[4], atol=0.02)
-    assert np.trace(settled[3].covariances[-1]) < 0.5 * 2 * 1.5**2
+        np.testing.assert_allclose(found[k], np.tile(standing[k], (4, 1)), atol=0.3 if k == 3 else 0.05)
+    np.testing.assert_allclose(found[4, -1], velocities[4], atol=0.02)
+    assert np.trace(covariances[3, -1]) < 0.5 * 2 * 1.5**2
 
 
 def test_an_object_alone_stays_nearly_as_it_is_and_two_that_differ_nearly_so():
-    (alone,), _ = scene.settle(seen_steps([[10.0, 0.0]], [[3.0, 1.0]], [0.2]), scene.UNKNOWN)
+    alone, _ = scene.settle(seen([([10.0, 0.0], [3.0, 1.0], 0.2)], n=4), scene.UNKNOWN)
     np.testing.assert_allclose(alone.velocities[-1], [3.0, 1.0], atol=1e-3)
-    two, _ = scene.settle(seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [-9.0, 2.0]], [0.1, 0.1]), scene.UNKNOWN)
-    np.testing.assert_allclose(two[0].velocities[-1], [3.0, 1.0], atol=0.1)
+    both = [([10.0, 0.0], [3.0, 1.0], 0.1), ([12.0, 1.0], [-9.0, 2.0], 0.1)]
+    two, _ = scene.settle(seen(both, n=4), scene.UNKNOWN)
+    np.testing.assert_allclose(two.velocities[3], [3.0, 1.0], atol=0.1)
 
 
 def test_steps_over_a_frame_without_points_are_not_weighed():
-    first, second = seen_steps([[10.0, 0.0], [12.0, 1.0]], [[3.0, 1.0], [3.1, 1.0]], [0.2, 0.2])
-    gap = replace(first, numbers=np.array([0, 1, 3, 4]), lengths=np.array([1, 1, 2, 1]))
-    settled, _ = scene.settle([gap, second], scene.UNKNOWN)
-    np.testing.assert_array_equal(settled[0].velocities[2], first.velocities[2])
-    assert settled[0].velocities[3, 0] > first.velocities[3, 0]
+    both = seen([([10.0, 0.0], [3.0, 1.0], 0.2), ([12.0, 1.0], [3.1, 1.0], 0.2)], n=4)
+    numbers, lengths = np.array([0, 1, 3, 4, *both.numbers[4:]]), np.array([1, 1, 2, 1, *both.lengths[4:]])
+    settled, _ = scene.settle(replace(both, numbers=numbers, lengths=lengths), scene.UNKNOWN)
+    np.testing.assert_array_equal(settled.velocities[2], both.velocities[2])
+    assert settled.velocities[3, 0] > both.velocities[3, 0]
 
 
 def test_a_mixture_is_as_unsure_as_its_parts_differ():
-    (steps,) = seen_steps([[10.0, 0.0]], [[2.0, 0.0]], [0.1], n=1)
-    mixed = parked.mixed(steps, 0.5)
+    mixed = parked.mixed(seen([([10.0, 0.0], [2.0, 0.0], 0.1)], n=1), np.array([0.5]))
     (velocity,), (covariance,) = mixed.velocities, mixed.covariances
     np.testing.assert_allclose(velocity, [1.0, 0.0])
     assert covariance[0, 0] > 1.0

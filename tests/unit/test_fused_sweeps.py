@@ -12,6 +12,7 @@ from tracker.ego_motion.sweep import point_times
 from tracker.estimators import create_estimator
 from tracker.estimators.fused import FusedEstimator, FusedSettings
 from tracker.estimators.fused.sensor import Sensor
+from tracker.estimators.fused.steps import read
 from tracker.types import Sweep
 
 
@@ -175,6 +176,6 @@ def test_places_tell_of_velocities_at_any_rate_of_frames():
         one = segment(car_cloud(60, seed=k) + [15.0 + 0.3 * k, 4.0, 0.0], k, dt=0.05)
         estimator.step({one.track_id: one}, one.timestamp, None)
     track = estimator._tracks[7]
-    np.testing.assert_allclose(track.steps(1.0).velocities, np.diff(track.centers(), axis=0) / 0.05, atol=1e-9)
+    np.testing.assert_allclose(read([track], 1.0).velocities, np.diff(track.centers(), axis=0) / 0.05, atol=1e-9)
     rates = 0.5 * (track.place.state[1:, 1] + track.place.state[:-1, 1])
-    assert np.abs(track.steps(1.0).velocities - rates).max() > 1e-4
+    assert np.abs(read([track], 1.0).velocities - rates).max() > 1e-4

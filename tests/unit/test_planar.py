@@ -75,3 +75,20 @@ def test_wrap_keeps_pi_and_turns_minus_pi_round():
     assert planar.wrap(np.pi) == pytest.approx(np.pi)
     assert planar.wrap(-np.pi) == pytest.approx(np.pi)
     assert planar.wrap(3.0 * np.pi / 2.0) == pytest.approx(-np.pi / 2.0)
+
+
+def test_many_at_once_are_each_as_one_alone():
+    rng = np.random.default_rng(0)
+    angles, arms = np.array([*rng.uniform(-10.0, 10.0, 20), np.pi, -np.pi]), rng.normal(0.0, 3.0, (22, 2))
+    np.testing.assert_allclose(planar.wrap_all(angles), [planar.wrap(angle) for angle in angles], atol=1e-12)
+    rotated = [planar.rotation(angle) @ arm for angle, arm in zip(angles, arms, strict=True)]
+    np.testing.assert_allclose(planar.rotate_all(arms, angles), rotated, atol=1e-12)
+    roots = rng.normal(size=(22, 3, 3))
+    covariances = roots @ roots.transpose(0, 2, 1)
+    carried = [
+        planar.transport_covariance(each, float(angle), np.zeros(2), arm)
+        for each, angle, arm in zip(covariances, angles, arms, strict=True)
+    ]
+    np.testing.assert_allclose(planar.transport_covariances(covariances, angles, arms), carried, atol=1e-9)
+    squares = covariances[:, :2, :2]
+    np.testing.assert_allclose(planar.inverses(squares) @ squares, np.tile(np.eye(2), (22, 1, 1)), atol=1e-8)

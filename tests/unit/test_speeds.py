@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from tests.looks import seen
 from tracker.estimators.fused import scene, speeds
-from tracker.estimators.fused.track import SLIP_SD, Steps, _slips
+from tracker.estimators.fused.steps import SLIP_SD, _slips
 
-N_STEPS = 3
 SDS = np.array([0.15, *(sd for _, sd in speeds.MOVING)])
 
 
@@ -20,17 +20,6 @@ def measured(means, sds, slips=(0.0, 0.0)):
 
 def nowhere(velocities):
     return np.zeros_like(velocities.means), np.zeros_like(velocities.covariances)
-
-
-def seen(place, velocity, sd, slip=(0.0, 0.0)):
-    """Give an object's latest steps, with the same velocity in each."""
-    frames, lengths = np.arange(1, N_STEPS + 1), np.ones(N_STEPS, dtype=np.int64)
-    place, velocity, slips = (np.tile(x, (N_STEPS, 1)).astype(np.float64) for x in (place, velocity, slip))
-    covariances = np.tile(sd**2 * np.eye(2), (N_STEPS, 1, 1))
-    doubts = np.zeros((N_STEPS, 2, 2))
-    return Steps(
-        frames, frames, lengths, place, velocity, covariances, doubts, slips, place[-1], 0.0, np.ones(len(frames))
-    )
 
 
 def test_a_mixture_is_that_of_bayes_theorem():
@@ -101,9 +90,9 @@ def test_a_newcomer_moves_as_another_one_does_rather_than_in_between():
 def test_few_points_that_contradict_what_others_do_make_unsure():
     """A parked car of a few points, laid on the wrong part: 15 m/s, it seems."""
     places = [[10.0, 5.0], [20.0, -8.0], [30.0, 12.0], [25.0, 3.0]]
-    others = [seen(place, [-8.0, 0.5], 0.05) for place in places]
-    wrong = {slip: seen([35.0, 0.0], [7.0, 0.5], 3.0, slip) for slip in ((0.0, 0.0), (0.1, 12.0**2))}
-    (bold, unsure) = (scene.settle([*others, w], scene.UNKNOWN)[0][-1] for w in wrong.values())
+    others, slips = [(place, [-8.0, 0.5], 0.05) for place in places], ((0.0, 0.0), (0.1, 12.0**2))
+    wrong = [seen([*others, ([35.0, 0.0], [7.0, 0.5], 3.0, slip)]) for slip in slips]
+    (bold, unsure) = (scene.settle(steps, scene.UNKNOWN)[0] for steps in wrong)
     error = {name: steps.velocities[-1] - [-8.0, 0.5] for name, steps in (("bold", bold), ("unsure", unsure))}
     nees = {
         name: error[name] @ np.linalg.solve(steps.covariances[-1], error[name])
@@ -114,8 +103,8 @@ def test_few_points_that_contradict_what_others_do_make_unsure():
 
 
 def test_clouds_slip_where_points_are_few_and_the_best_step_stands_for_the_others_up_to_a_gap():
-    n_points, seconds = np.array([3, 4, 2, 100, 100]), np.array([0.1, 0.1, 1.6, 0.1, 0.1])
-    slips = _slips(np.array([1, 1, 16, 1, 1]), n_points, seconds)
+    n_points, seconds = np.array([3.0, 4.0, 2.0, 100.0, 100.0]), np.array([0.1, 0.1, 1.6, 0.1, 0.1])
+    slips = _slips(np.zeros(5, dtype=np.int64), np.array([1, 1, 16, 1, 1]), n_points, seconds)
     np.testing.assert_allclose(slips[:2], [[1.0 / 5.0**2, (SLIP_SD / 0.2) ** 2]] * 2)
     np.testing.assert_allclose(slips[2], [1.0 / 3.0**2, (SLIP_SD / 1.6) ** 2])
     assert (slips[3:, 0] < 1e-4).all()
@@ -124,22 +113,23 @@ def test_clouds_slip_where_points_are_few_and_the_best_step_stands_for_the_other
 def test_what_stands_goes_on_as_before():
     """One vague object alone: the ego's motion a moment ago says how it moves, if it stands."""
     places = [[10.0, 5.0], [20.0, -8.0], [30.0, 12.0]]
-    _, common = scene.settle([seen(place, [-8.0, 0.5], 0.05) for place in places], scene.UNKNOWN)
+    _, common = scene.settle(seen([(place, [-8.0, 0.5], 0.05) for place in places]), scene.UNKNOWN)
     np.testing.assert_allclose(common.mean, [-8.0, 0.5, 0.0], atol=0.05)
-    vague = seen([25.0, 0.0], [-7.0, 2.0], 2.0)
-    (now,), _ = scene.settle([vague], common.later(0.1))
+    vague = seen([([25.0, 0.0], [-7.0, 2.0], 2.0)])
+    now, _ = scene.settle(vague, common.later(0.1))
     assert np.hypot(*(now.velocities[-1] - [-8.0, 0.5])) < 0.7
-    (much_later,), _ = scene.settle([vague], common.later(1000.0))
+    much_later, _ = scene.settle(vague, common.later(1000.0))
     assert np.hypot(*(much_later.velocities[-1] - [-7.0, 2.0])) < 0.5
 
 
 def test_what_was_taken_to_stand_is_given_up_when_more_contradict():
     """Two cars that drive side by side were all that could be seen; then what really stands comes into view."""
-    platoon = [seen(place, [-1.0, 0.0], 0.05) for place in ([12.0, 2.0], [20.0, -2.0])]
-    _, common = scene.settle(platoon, scene.UNKNOWN)
+    platoon = [(place, [-1.0, 0.0], 0.05) for place in ([12.0, 2.0], [20.0, -2.0])]
+    _, common = scene.settle(seen(platoon), scene.UNKNOWN)
     np.testing.assert_allclose(common.mean[:2], [-1.0, 0.0], atol=0.1)
-    parked = [seen(place, [-14.0, 0.0], 0.05) for place in ([15.0, 8.0], [25.0, -8.0], [30.0, 8.0], [35.0, -8.0])]
-    vague = seen([40.0, 8.0], [-12.0, 1.0], 2.0)
-    settled, common = scene.settle([*platoon, *parked, vague], common.later(0.1))
-    assert np.hypot(*(settled[-1].velocities[-1] - [-14.0, 0.0])) < 0.5
-    np.testing.assert_allclose(settled[0].velocities[-1], [-1.0, 0.0], atol=0.1)
+    parked = [(place, [-14.0, 0.0], 0.05) for place in ([15.0, 8.0], [25.0, -8.0], [30.0, 8.0], [35.0, -8.0])]
+    vague = ([40.0, 8.0], [-12.0, 1.0], 2.0)
+    settled, common = scene.settle(seen([*platoon, *parked, vague]), common.later(0.1))
+    latest = settled.velocities[settled.ends - 1]
+    assert np.hypot(*(latest[-1] - [-14.0, 0.0])) < 0.5
+    np.testing.assert_allclose(latest[0], [-1.0, 0.0], atol=0.1)

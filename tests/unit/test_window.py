@@ -267,7 +267,7 @@ def test_axes_that_stop_turning_at_once_are_followed():
             for lag in {1, min(k, 3), min(k, 8)}:
                 window.compare(lag, looks[-1 - lag][i], looks[-1][i] - looks[-1 - lag][i], np.eye(2) / 0.05**2)
         if k:
-            axes.hear(axes.latest - 1, -0.1 * rate * (k <= last), 0.02**2)
+            axes.hear([axes.latest - 1], np.array([-0.1 * rate * (k <= last)]), np.array([0.02**2]))
             solve(windows, axes)
         if k > last:
             found = np.array([window.step()[0] for window in windows])

@@ -18,14 +18,14 @@ TURN_TAILS = (3.0, 4.0)  # degrees of freedom of the errors of what is heard of 
 @typing.no_type_check
 def of_turns(axes, angles, rates):
     """Give the system of changes of the axes' angles and rates, from what is known of these alone."""
-    G = len(axes.times)
+    times, heard, G = axes.times, axes.heard, len(axes.times)
     A, a = np.zeros((2 * G, 2 * G)), np.zeros(2 * G)
     A[0, 0] = FIXED
     A[G, G] = 1.0 / axes.first_rate[1]
     a[G] = (axes.first_rate[0] - rates[0]) / axes.first_rate[1]
     u, at = np.empty(4), np.empty(4, np.int64)
     for g in range(G - 1):
-        motion = motion_kernels.information(axes.times[g + 1] - axes.times[g], axes.density, np.zeros((1, 1)), 1)
+        motion = motion_kernels.information(times[g + 1] - times[g], axes.density, np.zeros((1, 1)), 1)
         at[0], at[1], at[2], at[3] = g, G + g, g + 1, G + g + 1
         u[0], u[1], u[2], u[3] = angles[g], rates[g], angles[g + 1], rates[g + 1]
         pull = motion @ u
@@ -34,10 +34,10 @@ def of_turns(axes, angles, rates):
             a[at[p]] -= weight * pull[p]
             for q in range(4):
                 A[at[p], at[q]] += weight * motion[p, q]
-    for h in range(len(axes.heard)):
-        i, j = int(axes.heard[h, 0]), int(axes.heard[h, 1])
-        off = axes.heard[h, 2] - (angles[j] - angles[i])
-        weight = heavy_tails.weight(TURN_TAILS[0], 1, off**2 * axes.heard[h, 3]) * axes.heard[h, 3]
+    for h in range(len(heard)):
+        i, j = int(heard[h, 0]), int(heard[h, 1])
+        off = heard[h, 2] - (angles[j] - angles[i])
+        weight = heavy_tails.weight(TURN_TAILS[0], 1, off**2 * heard[h, 3]) * heard[h, 3]
         a[j] += weight * off
         a[i] -= weight * off
         A[i, i] += weight
@@ -53,10 +53,11 @@ def to_steady(windows, angles, D):
     """Turn each frame's axes to the steady ones (N, D, D); a turn itself is no vector, and needs none."""
     found = np.ones((len(windows.times), D, D))
     if D > 1:
-        for f in range(len(windows.times)):
-            angle = angles[windows.axes[f]] if windows.axes[f] >= 0 else windows.angles[f]
+        numbers, fixed = windows.axes, windows.angles
+        for f in range(len(found)):
+            angle = angles[numbers[f]] if numbers[f] >= 0 else fixed[f]
             c, s = np.cos(angle), np.sin(angle)
-            found[f] = np.array([[c, -s], [s, c]])
+            found[f, 0, 0], found[f, 0, 1], found[f, 1, 0], found[f, 1, 1] = c, -s, s, c
     return found
 
 
@@ -65,9 +66,9 @@ def to_steady(windows, angles, D):
 def in_own_axes(x, H, levers, common, windows, angles, D):
     """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H."""
     state, rotations = np.zeros(windows.state.shape), to_steady(windows, angles, D)
-    frame = 0
-    for k in range(len(windows.sizes)):
-        n = windows.sizes[k]
+    sizes, numbers, frame = windows.sizes, windows.axes, 0
+    for k in range(len(sizes)):
+        n = sizes[k]
         m, last = 2 * D * n, frame + n
         unknowns, lever, own = x[k, :m].copy().reshape(m, 1), levers[k, :m].copy(), np.linalg.inv(H[k, :m, :m].copy())
         turns = rotations[frame:last]
@@ -77,10 +78,10 @@ def in_own_axes(x, H, levers, common, windows, angles, D):
         _turn_back(own.T, turns, D)
         state[frame:last] = unknowns.reshape(n, 2, D)
         for f in range(frame, last):
-            if D == 2 and windows.axes[f] >= 0:
+            if D == 2 and numbers[f] >= 0:
                 at = 2 * D * (f - frame)
-                lever[at, windows.axes[f]] += state[f, 0, 1]
-                lever[at + 1, windows.axes[f]] -= state[f, 0, 0]
+                lever[at, numbers[f]] += state[f, 0, 1]
+                lever[at + 1, numbers[f]] -= state[f, 0, 0]
         H[k, :m, :m] = own + lever @ common @ lever.T
         frame = last
     return state

@@ -14,32 +14,34 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def believed(own, doubt, scale, D):
-    """Give the information of a comparison: its covariance is `scale` times what it claims, and `doubt` beside that.
+def believe(informations, doubts, c, scale, D, found):
+    """Give the information of a comparison: its covariance is `scale` times what it claims, and its doubt beside that.
 
     Args:
-        own: inverse covariance that it claims (D, D); singular where a direction was not measured.
-        doubt: covariance that does not depend on how well comparisons agree (D, D).
+        informations: inverse covariances that comparisons claim (M, D, D); singular where a direction was not measured.
+        doubts: covariances that do not depend on how well comparisons agree (M, D, D).
+        c: which comparison.
         scale: of the claims.
         D: 1 or 2.
+        found: its information (D, D), filled in.
 
     Returns:
-        information (D, D), and the share of its own errors in all of them, a mean over directions: how much it tells
-        of the scale; nothing where nothing was measured.
+        the share of its own errors in all of them, a mean over directions: how much it tells of the scale; nothing
+        where nothing was measured.
     """
-    found = np.zeros((D, D))
     if D == 1:
-        whole = 1.0 + doubt[0, 0] * own[0, 0] / scale
-        found[0, 0] = own[0, 0] / scale / whole
-        return found, 1.0 / whole if own[0, 0] > 0.0 else 0.0
-    a, b, c = own[0, 0] / scale, own[0, 1] / scale, own[1, 1] / scale
-    p, q, r = doubt[0, 0], doubt[0, 1], doubt[1, 1]
-    determinant, both = a * c - b * b, a * p + 2.0 * b * q + c * r
+        own = informations[c, 0, 0] / scale
+        whole = 1.0 + doubts[c, 0, 0] * own
+        found[0, 0] = own / whole
+        return 1.0 / whole if own > 0.0 else 0.0
+    a, b, d = informations[c, 0, 0] / scale, informations[c, 0, 1] / scale, informations[c, 1, 1] / scale
+    p, q, r = doubts[c, 0, 0], doubts[c, 0, 1], doubts[c, 1, 1]
+    determinant, both = a * d - b * b, a * p + 2.0 * b * q + d * r
     # (L^-1 + V)^-1 = (L + |L| adj V) / |1 + L V|, and |1 + L V| = 1 + tr L V + |L| |V|
     whole = 1.0 + both + determinant * (p * r - q * q)
-    found[0, 0], found[1, 1] = (a + determinant * r) / whole, (c + determinant * p) / whole
+    found[0, 0], found[1, 1] = (a + determinant * r) / whole, (d + determinant * p) / whole
     found[0, 1] = found[1, 0] = (b - determinant * q) / whole
-    return found, (1.0 + 0.5 * both) / whole if a + c > 0.0 else 0.0
+    return (1.0 + 0.5 * both) / whole if a + d > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True)

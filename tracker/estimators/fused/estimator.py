@@ -1,32 +1,28 @@
 """The estimator `fused`: each look at an object is compared with several earlier ones, and all of it weighed."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
+from jaxtyping import Float64, Int64
 
-from registration import planar
 from registration.methods.plane_icp import PointToPlaneICP
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
-from tracker.estimators.fused import parked, scene
+from tracker.estimators.fused import parked, scene, steps
+from tracker.estimators.fused.comparisons import Doubts, Pairs, doubted, lags_of, paired
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look, looked_at
 from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.solving import solve
-from tracker.estimators.fused.sources import (
-    PLANES,
-    Expected,
-    Laid,
-    Learned,
-    Shape,
-    evidence_of_network,
-)
-from tracker.estimators.fused.track import Steps, Track
-from tracker.estimators.fused.window import MotionModel, Square
+from tracker.estimators.fused.sources import PLANES, Evidence, Laid, Learned, Shape
+from tracker.estimators.fused.steps import Steps
+from tracker.estimators.fused.track import Track
+from tracker.estimators.fused.window import MotionModel
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
+
+Numbers = Float64[np.ndarray, " m"]
 
 FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
 ONE = np.eye(2)
@@ -50,7 +46,8 @@ class FusedSettings:
             along.  It goes with the square of the share of points that came or went, beside those that the range
             explains [m].
         single_point: standard deviation of where an object is by a single point of it; by n points, an n-th of that:
-            which of its points are seen is chance [m].  These three are of a single comparison; see `_doubt`.
+            which of its points are seen is chance [m].  These three are of a single comparison; see
+            `comparisons.doubted`.
         shape_turned, learned_turned: standard deviation of a comparison along the way between the looks relative to the
             sensor, by histograms or planes and by the network, for each radian that the object turned against the line
             of sight: other sides of it are seen [m/rad].
@@ -156,35 +153,37 @@ class FusedEstimator(FrameEstimator):
             return {}
         known = {key: self._tracks[key] for key in sightings if key in self._tracks}
         new = self._look(sightings, self._begin_frame(sightings))
-        for key, track in known.items():
-            pose_turn_sd = 0.0 if self._axes.turns else self.settings.pose_turn_sd
-            track.advance(new[key], self._axes, pose_turn_sd)
-        is_known = self._ask(known, new)
-        is_laid = self._compare_shapes(known, new)
-        solve([track.turn for track in known.values()])
-        for key, track in known.items():
+        if not known:
+            self._start_tracks(sightings, new)
+            return {}
+        tracks, looks = list(known.values()), [new[key] for key in known]
+        pose_turn_sd = 0.0 if self._axes.turns else self.settings.pose_turn_sd
+        for track, look in zip(tracks, looks, strict=True):
+            track.advance(look, self._axes, pose_turn_sd)
+        told = self._ask(tracks, looks)
+        if self.settings.undoes_sweep:
+            looks = [track.straighten(look) for track, look in zip(tracks, looks, strict=True)]
+        told |= self._compare_shapes(tracks, looks)
+        solve([track.turn for track in tracks])
+        for track, look in zip(tracks, looks, strict=True):
             if self.settings.weighs_looks:
                 track.place.weigh_look(self._axes)
-            track.looks.append(new[key])
+            track.looks.append(look)
             if self.settings.refers_to_center:
                 track.refer_to_center()
             track.note_met()
         self._start_tracks(sightings, new)
-        steps = self._steps(known, next(iter(sightings.values())))
-        return {key: _measurement(steps[key], key in is_known or key in is_laid) for key in known}
+        return _measurements(list(known), self._steps(tracks, next(iter(sightings.values()))), told)
 
-    def _steps(self, known: Mapping[int, Track], any_one: Sighting) -> dict[int, Steps]:
+    def _steps(self, known: Sequence[Track], any_one: Sighting) -> Steps:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
         share = self.settings.simulated_share if any_one.is_simulated else self.settings.covariance_share
-        steps = {key: track.steps(share) for key, track in known.items()}
-        if self.settings.knows_parked and steps:
-            own = list(steps.values())
-            if any_one.in_world:
-                settled = parked.settle([track.place for track in known.values()], own)
-            else:
-                settled, self._common = scene.settle(own, self._common)
-            steps = dict(zip(steps, settled, strict=True))
-        return {key: s.told() for key, s in steps.items()}
+        found = steps.read(known, share)
+        if self.settings.knows_parked and any_one.in_world:
+            found = parked.settle([track.place for track in known], found)
+        elif self.settings.knows_parked:
+            found, self._common = scene.settle(found, self._common)
+        return found.told()
 
     def _begin_frame(self, sightings: Mapping[int, Sighting]) -> Sensor:
         """Go on with the axes if any object does, else begin them anew; tell how the sensor moves."""
@@ -212,92 +211,88 @@ class FusedEstimator(FrameEstimator):
             for (key, sighting), learned in zip(sightings.items(), encoded, strict=True)
         }
 
-    def _ask(self, known: Mapping[int, Track], new: Mapping[int, Look]) -> set[int]:
-        """Hear the network's opinions of each object; say of which it has one."""
-        jobs = self._jobs(known, self.settings.learned_lags)
-        answers = self._learned.ask([(known[key].looks[-lag], new[key]) for key, lag in jobs])
-        told = {}
-        for (key, lag), answer in zip(jobs, answers, strict=True):
-            if answer is not None:
-                track = known[key]
-                evidence = evidence_of_network(answer, track.looks[-lag], new[key], track.place.at(-1 - lag))
-                doubts = self.settings.learned_changed, self.settings.learned_turned, 0.0
-                doubt = self._doubt(doubts, track, lag, new[key])
-                track.hear(lag, evidence, doubt, self._axes)
-                told[key] = track
-        solve([track.place for track in told.values()], self._axes)
-        return set(told)
+    def _ask(self, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
+        """Hear the network's opinions of objects; give the numbers of those of which it has one."""
+        own, pairs = self.settings, paired(tracks, looks, self.settings.learned_lags)
+        if not len(pairs):
+            return set()
+        found = self._learned.ask(list(zip(pairs.before, pairs.now, strict=True)), pairs.olders)
+        m, told = len(pairs), np.flatnonzero(np.isfinite(found.turn_variances))
+        doubts = doubted(pairs, self._doubts(tracks, np.full(m, own.learned_changed), own.learned_turned, np.zeros(m)))
+        self._hear(tracks, pairs, told, found, doubts)
+        numbers = dict.fromkeys(pairs.owners[told].tolist())
+        solve([tracks[k].place for k in numbers], self._axes)
+        return set(numbers)
 
-    def _compare_shapes(self, known: Mapping[int, Track], new: dict[int, Look]) -> set[int]:
-        """Lay earlier looks on the new ones, which are straightened; say of which objects there are any."""
-        if self.settings.undoes_sweep:
-            new.update((key, track.straighten(new[key])) for key, track in known.items())
-        jobs, number = self._jobs(known, self.settings.shape_lags), {key: i for i, key in enumerate(known)}
-        laid = []
-        for key, lag in jobs:
-            track, expected = known[key], self._expected(known[key], new[key], lag)
-            laid.append(Laid(track.looks[-lag], number[key], track.place.at(-1 - lag), expected))
-        found = self._shape.compare(laid, [new[key] for key in known])
-        for (key, lag), evidence in zip(jobs, found, strict=True):
-            by_change = self.settings.shape_changed if evidence.was_searched else 0.0
-            by_way = self.settings.shape_moved if new[key].is_timed else self.settings.untimed_moved
-            doubt = self._doubt((by_change, self.settings.shape_turned, by_way), known[key], lag, new[key])
-            if new[key].is_torn or known[key].looks[-lag].is_torn:
-                doubt = doubt + self.settings.torn**2 * ONE
-            known[key].hear(lag, evidence, doubt, self._axes)
-        solve([track.place for track in known.values()], self._axes)
-        return {key for key, _ in jobs}
+    def _compare_shapes(self, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
+        """Lay earlier looks on the latest ones; give the numbers of the objects of which there are any."""
+        own, pairs = self.settings, paired(tracks, looks, self.settings.shape_lags)
+        if not len(pairs):
+            return set()
+        found = self._shape.compare(self._laid(tracks, looks, pairs), looks)
+        by_change = np.where(found.was_searched, own.shape_changed, 0.0)
+        by_way = np.where([look.is_timed for look in pairs.now], own.shape_moved, own.untimed_moved)
+        doubts = doubted(pairs, self._doubts(tracks, by_change, own.shape_turned, by_way))
+        is_torn = [a.is_torn or b.is_torn for a, b in zip(pairs.before, pairs.now, strict=True)]
+        doubts[is_torn] += own.torn**2 * ONE
+        self._hear(tracks, pairs, np.arange(len(pairs)), found, doubts)
+        solve([track.place for track in tracks], self._axes)
+        return set(pairs.owners.tolist())
 
-    def _doubt(self, doubts: tuple[float, float, float], track: Track, lag: int, new: Look) -> Square:
-        """Give the covariance that looks which differ, few points and a long way add to a comparison [m^2].
+    def _doubts(self, tracks: Sequence[Track], by_change: Numbers, by_turn: float, by_way: Numbers) -> Doubts:
+        lags = self.settings.learned_lags, self.settings.shape_lags
+        n_lags = [sum(len(lags_of(len(track.looks), own)) for own in lags) for track in tracks]
+        return Doubts(by_change, by_turn, by_way, self.settings.single_point, np.array(n_lags))
 
-        Args:
-            doubts: standard deviations by change, where nothing is shared; by turns, for each radian; by the way, for
-                each metre.
-            track: of the object.
-            lag: how many looks ago the earlier one was.
-            new: the later one.
+    def _hear(
+        self,
+        tracks: Sequence[Track],
+        pairs: Pairs,
+        told: Int64[np.ndarray, " t"],
+        found: Evidence,
+        doubts: Float64[np.ndarray, "m 2 2"],
+    ) -> None:
+        """Tell objects of those comparisons that tell anything."""
+        firsts, m = pairs.olders + found.steps, len(pairs)
+        steps = np.concatenate([pairs.olders, firsts, found.informations.reshape(m, 4), doubts.reshape(m, 4)], axis=1)
+        turns = np.column_stack([np.zeros(m), found.turns, 1.0 / found.turn_variances, np.zeros(m)])
+        is_step, is_turn = (found.informations != 0.0).any(axis=(1, 2)), np.isfinite(found.turn_variances)
+        owners, lags = pairs.owners.tolist(), pairs.lags.tolist()
+        for k in told.tolist():
+            step, turn = steps[k] if is_step[k] else None, turns[k] if is_turn[k] else None
+            tracks[owners[k]].hear(lags[k], step, firsts[k], turn)
+        turned = told[is_turn[told]]
+        olders = [tracks[owners[k]].place.axes[-1 - lags[k]] for k in turned.tolist()]
+        self._axes.hear(olders, found.turns[turned], found.turn_variances[turned])
 
-        All comparisons with a look share the error that it has since it shows few points, or fewer than the other: it
-        counts for so many times its variance as there are comparisons, so that many are worth no more than one.
-        """
-        (by_change, by_turn, by_way), before, single = doubts, track.looks[-lag], self.settings.single_point
-        older = math.sqrt(1.0 + track.place.n_told(lag))
-        n_lags = (len(_lags(len(track.looks), lags)) for lags in (self.settings.learned_lags, self.settings.shape_lags))
-        newer = math.sqrt(sum(n_lags))
-        changed = by_change * track.changed(lag, new) * (older if before.n_from_1m < new.n_from_1m else newer)
-        x, y = track.way(lag, new).tolist()
-        length = math.hypot(x, y)
-        share = math.hypot(by_way, by_turn * track.turned(lag, new) / length) if length > 0.0 else 0.0
-        x, y = share * x, share * y
-        everywhere = changed**2 + (older * single / before.n_points) ** 2 + (newer * single / new.n_points) ** 2
-        return np.array([[everywhere + x * x, x * y], [x * y, everywhere + y * y]])
-
-    def _jobs(self, known: Mapping[int, Track], lags: tuple[int, ...]) -> list[tuple[int, int]]:
-        """List which looks are compared with the new ones; of a track that is not long enough yet, the first."""
-        return [(key, lag) for key, track in known.items() for lag in _lags(len(track.looks), lags)]
-
-    def _expected(self, track: Track, new: Look, lag: int) -> Expected:
-        older = -1 - lag
-        place = track.place.at(older)
-        turn = float(track.turn.state[-1, 0, 0] - track.turn.state[older, 0, 0])
-        if not track.place.comparisons:
-            shift, covariance = (new.points.mean(axis=0) - track.looks[-1].points.mean(axis=0))[:2], None
-            doubt = FIRST_TURN_SD**2
-        else:
-            own = self.settings
-            shift = track.place.at(-1) - place
-            covariance = own.search_doubt * track.step_covariance(lag)
-            covariance = covariance + own.search_doubt * self._swing(track) + own.search_floor**2 * ONE
-            doubt = float(track.turn.difference(older)[0, 0]) + SEARCHED_TURN_SD**2
-        T = planar.to_transform(np.array([*shift, turn]), np.array([*place, 0.0]))
-        contrary = self.settings.search_doubt * self.settings.weighs_looks * track.place.told.spread()
-        return Expected(T, covariance, doubt, contrary)
-
-    def _swing(self, track: Track) -> Square:
-        """Give the covariance of where an object is that the axes' own turn adds [m^2]."""
-        x, y = track.place.at(-1)
-        return self._axes.step_variance() * np.array([[y * y, -x * y], [-x * y, x * x]])
+    def _laid(self, tracks: Sequence[Track], looks: Sequence[Look], pairs: Pairs) -> Laid:
+        """Say where earlier looks are expected in the latest ones."""
+        own, owners, lags = self.settings, pairs.owners.tolist(), pairs.lags.tolist()
+        is_expected = np.array([bool(track.place.comparisons) for track in tracks])[pairs.owners]
+        shifts, turn_variances = pairs.newers - pairs.olders, np.full(len(pairs), FIRST_TURN_SD**2)
+        covariances = np.zeros((len(pairs), 2, 2))
+        for m in np.flatnonzero(is_expected).tolist():
+            place, turn, older = tracks[owners[m]].place, tracks[owners[m]].turn, -1 - lags[m]
+            covariances[m] = place.difference(older)
+            turn_variances[m] = turn.difference(older)[0, 0] + SEARCHED_TURN_SD**2
+        for m in np.flatnonzero(~is_expected).tolist():
+            before, now = tracks[owners[m]].looks[-1].points, looks[owners[m]].points
+            shifts[m] = (now.mean(axis=0) - before.mean(axis=0))[:2]
+        across = pairs.newers[:, ::-1] * [-1.0, 1.0]  # as the axes' own turn swings objects
+        swing = self._axes.step_variance() * across[:, :, None] * across[:, None, :]
+        contraries = np.array([track.place.told.spread() for track in tracks])[pairs.owners]
+        return Laid(
+            earlier=pairs.before,
+            newer=owners,
+            places=pairs.olders,
+            shifts=shifts,
+            turns=pairs.turns,
+            covariances=is_expected[:, None, None]
+            * (own.search_doubt * (covariances + swing) + own.search_floor**2 * ONE),
+            is_expected=is_expected,
+            turn_variances=turn_variances,
+            contraries=own.search_doubt * own.weighs_looks * contraries,
+        )
 
     def _start_tracks(self, sightings: Mapping[int, Sighting], new: Mapping[int, Look]) -> None:
         own = self.settings
@@ -312,20 +307,23 @@ class FusedEstimator(FrameEstimator):
             self._tracks[key].note_met()
 
 
-@cache
-def _lags(n_looks: int, lags: tuple[int, ...]) -> tuple[int, ...]:
-    """Say how many looks ago a track of so many looks is compared; the first one stands for those before it."""
-    return tuple(sorted({min(lag, n_looks) for lag in lags}))
+def _measurements(keys: Sequence[int], found: Steps, measured: Set[int]) -> dict[int, Measurement]:
+    """Give each object's step to its latest look, and what is now known of those before.
 
-
-def _measurement(steps: Steps, is_measured: bool) -> Measurement:
-    """Give the step to the latest look, and what is now known of those before."""
-    hindsight = zip(steps.frames.tolist(), steps.velocities, steps.covariances, strict=True)
-    return Measurement(
-        position=steps.center,
-        velocity=steps.velocities[-1],
-        covariance=steps.covariances[-1],
-        yaw_rate=steps.yaw_rate,
-        status=EstimateStatus.CONVERGED if is_measured else EstimateStatus.NOT_CONVERGED,
-        hindsight=tuple(Hindsight(*step) for step in list(hindsight)[-2::-1]),
-    )
+    Args:
+        keys: of the objects.
+        found: their steps.
+        measured: numbers of those of which anything was measured.
+    """
+    ends, frames, measurements = found.ends.tolist(), found.frames.tolist(), {}
+    for k, (key, begin, end) in enumerate(zip(keys, [0, *ends[:-1]], ends, strict=True)):
+        words = [Hindsight(frames[i], found.velocities[i], found.covariances[i]) for i in range(end - 1, begin - 1, -1)]
+        measurements[key] = Measurement(
+            position=found.centers[k],
+            velocity=words[0].velocity,
+            covariance=words[0].covariance,
+            yaw_rate=float(found.yaw_rates[k]),
+            status=EstimateStatus.CONVERGED if k in measured else EstimateStatus.NOT_CONVERGED,
+            hindsight=tuple(words[1:]),
+        )
+    return measurements

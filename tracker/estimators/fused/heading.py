@@ -1,5 +1,7 @@
 """How the axes turn that objects are seen in: what all objects of a frame have in common."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float64, Int64
 
@@ -8,6 +10,8 @@ RATE_SD = 0.2  # of the ego's rate of turn before anything is known [rad/s]
 DENSITY = 0.01
 OWN_TURN_SD = 0.15  # of an object's own rate of turn [rad/s]: most go straight, some turn
 SHORTEST_STEP = 0.01  # [s]
+Numbers = Float64[np.ndarray, " n"]
+
 MOST_KEPT = 100  # frames whose angles are remembered, for objects that nothing was seen of in between
 
 
@@ -76,7 +80,8 @@ class Heading:
             self.first_kept += 1
             for series in (self.times, self.angles, self.rates, self._known):
                 del series[0]
-        self.heard = [heard for heard in self.heard if heard[0] >= self.first]
+        first = self.first
+        self.heard = [heard for heard in self.heard if heard[0] >= first]
 
     def step_variance(self) -> float:
         """Give the variance of the turn that was expected of the latest frame [rad^2]."""
@@ -85,17 +90,21 @@ class Heading:
         dt = self.times[-1] - self.times[-2]
         return dt**2 * self._known[-1][1] + DENSITY * dt**3 / 3.0
 
-    def hear(self, older: int, turn: float, variance: float) -> None:
-        """Hear how an object seems to have turned from an older frame to the latest, in the axes of each.
+    def hear(self, olders: Sequence[int], turns: Numbers, variances: Numbers) -> None:
+        """Hear how objects seem to have turned from older frames to the latest, in the axes of each.
 
         Args:
-            older: its number.
-            turn: [rad].
-            variance: of its measurement [rad^2].
+            olders: numbers of the frames (m).
+            turns: (m) [rad].
+            variances: of their measurements (m) [rad^2].
         """
-        if older >= self.first:
-            own = OWN_TURN_SD * (self.times[-1] - self.times[older - self.first_kept])
-            self.heard.append((older, self.latest, -turn, 1.0 / (variance + own**2)))
+        if not self.turns:
+            return
+        first, latest, now = self.first, self.latest, self.times[-1]
+        for older, turn, variance in zip(olders, turns.tolist(), variances.tolist(), strict=True):
+            if older >= first:
+                own = OWN_TURN_SD * (now - self.times[older - self.first_kept])
+                self.heard.append((older, latest, -turn, 1.0 / (variance + own**2)))
 
     def settle(self, angles: Float64[np.ndarray, " n"], rates: Float64[np.ndarray, " n"], rate_variance: float) -> None:
         """Take what was found out about the open frames; the variance is that of the latest rate."""

@@ -88,29 +88,47 @@ def advance(state, covariance, dt, turned, density, shake, is_full):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def steps(state, covariance, times, tells, shakes, density, tail, D):
-    """Give how far the object moved from frame to frame, without what only its frames' axes shook (n - 1, D).
+def steps(sizes, state, covariances, times, tells, shakes, density, tail, D):  # noqa: PLR0913
+    """Give how far K objects moved from frame to frame, N in all, without what only their frames' axes shook (N - K).
 
     Between two rates, a motion of nearly constant rate leaves a displacement as open as `density` dt^3 / 12 about their
     mean, and more where it changes suddenly (a crash is no error of a pose); what the places differ from that is the
     motion's share, and the shake's.  Axes shake or turn, not both: then the shake is 0, and a step a difference.
 
+    Args:
+        sizes: frames of each object (K).
+        state: in the axes of the frames (N, 2, D).
+        covariances: of all of it, object by object, (2 n D, 2 n D) each, flat.
+        times: of the frames [s] (N).
+        tells: whether the places at both ends tell of each step's velocity (N - K).
+        shakes: covariance that each frame's place has beside that of the motion (N, D, D).
+        density: of the acceleration's noise.
+        tail: degrees of freedom of the motion's errors.
+        D: 1 or 2.
+
     Returns:
-        displacements; what is open of them since places and rates are (n - 1, D, D), and since axes shake (the same).
+        displacements; what is open of them since places and rates are (N - K, D, D), and since axes shake (the same).
     """
-    n = len(times)
-    found, covariances, shaken = np.empty((n - 1, D)), np.empty((n - 1, D, D)), np.empty((n - 1, D, D))
+    n = len(times) - len(sizes)
+    found, known, shaken = np.empty((n, D)), np.empty((n, D, D)), np.empty((n, D, D))
     J, one = np.zeros((D, 4 * D)), np.eye(D)
-    for j in range(n - 1):
-        dt, first = times[j + 1] - times[j], 2 * D * j
-        both = np.ascontiguousarray(state[j : j + 2]).reshape(4 * D)
-        surprise = both @ information(dt, density, shakes[j + 1], D) @ both
-        own = density * dt**3 / 12.0 / heavy_tails.weight(tail, 2 * D, surprise) * one
-        # the share of the shake: all, where places do not tell of a velocity
-        shake = shakes[j + 1] @ inverse(shakes[j + 1] + own, D) if tells[j] else one
-        J[:, :D], J[:, 2 * D : 3 * D] = shake - one, one - shake
-        J[:, D : 2 * D] = J[:, 3 * D :] = 0.5 * dt * shake
-        joint = np.ascontiguousarray(covariance[first : first + 4 * D, first : first + 4 * D])
-        covariances[j], shaken[j] = J @ joint @ J.T, shake @ own
-        found[j] = J @ both
-    return found, covariances, shaken
+    i = frame = begin = np.int64(0)  # not literals; see window_kernels
+    for k in range(len(sizes)):
+        width = 2 * D * sizes[k]
+        covariance = covariances[begin : begin + width * width].reshape((width, width))
+        for j in range(sizes[k] - 1):
+            f, first = frame + j, 2 * D * j
+            dt = times[f + 1] - times[f]
+            both = np.ascontiguousarray(state[f : f + 2]).reshape(4 * D)
+            surprise = both @ information(dt, density, shakes[f + 1], D) @ both
+            own = density * dt**3 / 12.0 / heavy_tails.weight(tail, 2 * D, surprise) * one
+            # the share of the shake: all, where places do not tell of a velocity
+            shake = shakes[f + 1] @ inverse(shakes[f + 1] + own, D) if tells[i] else one
+            J[:, :D], J[:, 2 * D : 3 * D] = shake - one, one - shake
+            J[:, D : 2 * D] = J[:, 3 * D :] = 0.5 * dt * shake
+            joint = np.ascontiguousarray(covariance[first : first + 4 * D, first : first + 4 * D])
+            known[i], shaken[i] = J @ joint @ J.T, shake @ own
+            found[i] = J @ both
+            i += 1
+        frame, begin = frame + sizes[k], begin + width * width
+    return found, known, shaken

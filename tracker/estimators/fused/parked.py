@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from tracker.estimators.fused import speeds
-from tracker.estimators.fused.track import SLIP_SD, Steps
+from tracker.estimators.fused.steps import SLIP_SD, Steps
 from tracker.estimators.fused.window import Window
 
 CHANGING = (0.2, 3.0)  # share of what moves that changes its velocity; standard deviation of the acceleration [m/s^2]
@@ -15,23 +15,22 @@ PLACE_SD = 0.02  # of the ego's own place between two frames of a window [m]
 STANDING_SD = 0.02  # of the velocity of what stands [m/s]
 
 
-def settle(windows: Sequence[Window], tracks: Sequence[Steps]) -> list[Steps]:
+def settle(windows: Sequence[Window], steps: Steps) -> Steps:
     """Weigh the velocities of a frame's objects, in the world, with how fast objects are there, and which stand.
 
     Args:
         windows: of the objects.
-        tracks: their steps; the latest step of each leads to the frame.
+        steps: of these; the latest one of each leads to the frame.
     """
-    logs = log_likelihoods(windows, np.array([steps.slips[-1, 0] for steps in tracks]))
+    logs = log_likelihoods(windows, steps.slips[steps.ends - 1, 0])
     shares = speeds.learned(logs)
     standing = speeds.of_class(shares, logs)[0]
-    measured, _ = speeds.together(tracks)
+    measured, _ = speeds.together(steps)
     nowhere = np.zeros_like(measured.means), np.zeros_like(measured.covariances)
     sds = np.array([sd for _, sd in speeds.MOVING])
     means, covariances, gains = speeds.mixed(measured, nowhere, sds, shares[1:], 1.0 - standing)
     standing = standing / (standing + (1.0 - standing) * gains)
-    moving = measured._replace(means=means, covariances=covariances).given_to(tracks)
-    return [mixed(steps, float(p)) for steps, p in zip(moving, standing, strict=True)]
+    return mixed(measured._replace(means=means, covariances=covariances).given_to(steps), standing)
 
 
 def log_likelihoods(windows: Sequence[Window], slips: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, "c k"]:
@@ -51,17 +50,15 @@ def log_likelihoods(windows: Sequence[Window], slips: Float64[np.ndarray, " k"])
     steps, seconds, covariances = _since(windows, [0] * len(windows))
     halves, shorts, half_covariances = _since(windows, [(len(window) - 1) // 2 for window in windows])
     sure, off = np.log(1.0 - slips), np.log(slips)
-    wide, one = covariances + SLIP_SD**2 * np.eye(2), np.eye(2)
-    classes = []
-    for sd in (0.0, *(sd for _, sd in speeds.MOVING)):
-        beside = ((sd * seconds) ** 2)[:, None, None] * one
-        surely = sure + speeds.log_densities(steps, covariances + beside)
-        classes.append(np.logaddexp(surely, off + speeds.log_densities(steps, wide + beside)))
+    one, sds = np.eye(2), np.array([0.0, *(sd for _, sd in speeds.MOVING)])
+    beside = ((sds[:, None] * seconds) ** 2)[:, :, None, None] * one
+    surely = sure + speeds.log_densities(steps, covariances + beside)
+    classes = np.logaddexp(surely, off + speeds.log_densities(steps, covariances + SLIP_SD**2 * one + beside))
     bends, (share, acceleration) = halves - (shorts / seconds)[:, None] * steps, CHANGING
     wide = half_covariances + ((0.5 * acceleration * shorts * (seconds - shorts)) ** 2)[:, None, None] * one
     steady = speeds.log_densities(bends, half_covariances)
     changing = np.logaddexp(np.log(1.0 - share) + steady, np.log(share) + speeds.log_densities(bends, wide))
-    return np.array([classes[0] + steady, *(own + changing for own in classes[1:])])
+    return np.concatenate([classes[:1] + steady, classes[1:] + changing])
 
 
 def _since(
@@ -74,9 +71,10 @@ def _since(
     return steps, seconds, known + PLACE_SD**2 * np.eye(2)
 
 
-def mixed(steps: Steps, standing: float) -> Steps:
-    """Give mean and covariance of velocities that are 0 with a probability, and as estimated otherwise."""
-    moving, v = 1.0 - standing, steps.velocities
-    spread = moving * steps.covariances + standing * STANDING_SD**2 * np.eye(2)
-    spread = spread + standing * moving * v[:, :, None] * v[:, None, :]
-    return replace(steps, velocities=moving * v, covariances=spread, doubts=moving * steps.doubts)
+def mixed(steps: Steps, standing: Float64[np.ndarray, " k"]) -> Steps:
+    """Give mean and covariance of velocities that are 0 with a probability, each object's own, else as estimated."""
+    share, v = standing[steps.owners][:, None], steps.velocities
+    moving, squares = 1.0 - share, v[:, :, None] * v[:, None, :]
+    spread = moving[:, None] * steps.covariances + share[:, None] * STANDING_SD**2 * np.eye(2)
+    spread = spread + (share * moving)[:, None] * squares
+    return replace(steps, velocities=moving * v, covariances=spread, doubts=moving[:, None] * steps.doubts)

@@ -1,13 +1,12 @@
 """What most objects of a frame have in common: the motion of all that stands, as a moving sensor sees it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
 
-from tracker.estimators.fused import speeds
-from tracker.estimators.fused.track import Steps
+from tracker.estimators.fused import scene_kernels, speeds
+from tracker.estimators.fused.steps import Steps
 
 # How fast objects move against what stands: share of all, and standard deviation of each of vx, vy [m/s].  The first
 # stand; how exactly was fitted on simulated training sequences, whose labels wobble.
@@ -18,10 +17,10 @@ PRIOR = np.diag([30.0**-2, 30.0**-2, 0.4**-2])
 DRIFT = np.diag([4.0, 4.0, 0.01])
 LEAST_STANDING = 1.8  # objects that stand, for what they have in common to be kept
 WRONG = 0.05  # probability that what was kept is not the motion of what stands
+VARIANCES = np.array([sd**2 for _, sd in SPEEDS])
 MOST_PAIRED = 30  # objects, the surest, whose pairs are tried
 N_REFINEMENTS = 4
 
-Places = Float64[np.ndarray, "*k 2 3"]  # how u + w x p at a place p depends on (ux, uy, w)
 Matrices = Float64[np.ndarray, "*k 3 3"]
 Triples = Float64[np.ndarray, "*k 3"]
 Logs = Float64[np.ndarray, "c *k"]  # one for each of SPEEDS
@@ -43,17 +42,15 @@ class Rigid:
         """Say what is left of that some time later."""
         return Rigid(self.mean, np.linalg.inv(np.linalg.inv(self.information) + seconds * DRIFT))
 
-    def log_density(self, motions: Triples) -> Float64[np.ndarray, "*k"]:
-        """Give the logarithm of how likely motions are, but for a constant."""
-        off, (_, volume) = motions - self.mean, np.linalg.slogdet(self.information)
-        found: Float64[np.ndarray, "*k"] = 0.5 * (volume - np.einsum("...i,ij,...j->...", off, self.information, off))
-        return found
+    def parts(self) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3 3"], float]:
+        """Give mean, information, and the logarithm of its determinant."""
+        return self.mean, self.information, float(np.linalg.slogdet(self.information)[1])
 
 
 UNKNOWN = Rigid(np.zeros(3), PRIOR)
 
 
-def settle(tracks: Sequence[Steps], before: Rigid) -> tuple[list[Steps], Rigid]:
+def settle(steps: Steps, before: Rigid) -> tuple[Steps, Rigid]:
     """Weigh the velocities of a frame's objects, in the sensor's axes, with what most of them have in common.
 
     What stands moves as one rigid body: at place p by u + w x p.  Which objects stand is not known: (u, w) is what
@@ -65,22 +62,22 @@ def settle(tracks: Sequence[Steps], before: Rigid) -> tuple[list[Steps], Rigid]:
     all pairs, then expectation maximisation.
 
     Args:
-        tracks: of one frame; the latest step of each leads to it.
+        steps: of the objects of one frame; the latest one of each leads to it.
         before: what earlier frames tell of (u, w).
 
     Returns:
         the steps, and what is now told of (u, w): what two objects or more have in common, if that is surer than what
         was told before, and not both, since neighbouring frames share their evidence.
     """
-    measured, places = speeds.together(tracks)
+    measured, places = speeds.together(steps)
     expected, doubt, common = _of_others(places, measured, before)
     is_known, sds = measured.is_known[:, 0], np.array([sd for _, sd in SPEEDS])
     off, covariances = (measured.means - expected)[:, 0], measured.expected_covariances()[:, 0] + doubt[:, 0]
-    logs, shares = _densities(off, covariances), np.tile(speeds.SHARES[:, None], len(tracks))
+    logs, shares = _densities(off, covariances), np.tile(speeds.SHARES[:, None], len(places))
     shares[:, is_known] = speeds.learned(logs[:, is_known])
     moving = np.where(is_known, 1.0 - speeds.of_class(shares, logs)[0], 0.0)
     means, covariances, _ = speeds.mixed(measured, (expected, doubt), sds, shares, moving)
-    return measured._replace(means=means, covariances=covariances).given_to(tracks), common
+    return measured._replace(means=means, covariances=covariances).given_to(steps), common
 
 
 def _of_others(
@@ -94,7 +91,8 @@ def _of_others(
     weighted = np.swapaxes(H, -1, -2) @ np.linalg.inv(covariances + SPEEDS[0][1] ** 2 * np.eye(2))
     A, a = (weighted @ H) * is_known[..., None, None], (weighted @ velocities[..., None])[..., 0] * is_known[..., None]
     now, standing = np.flatnonzero(is_known[:, 0]), np.zeros(len(places))
-    standing[now], known = _standing((H[now, 0], A[now, 0], a[now, 0]), velocities[now, 0], covariances[now, 0], before)
+    own = velocities[now, 0], covariances[now, 0]
+    standing[now], known = _standing(places[now, 0], own, (A[now, 0], a[now, 0]), before)
     A, a = standing[:, None, None, None] * A, standing[:, None, None] * a
     own = PRIOR + A[:, 0].sum(axis=0)
     is_surer = standing.sum() > LEAST_STANDING and np.linalg.det(own) > np.linalg.det(before.information)
@@ -107,35 +105,24 @@ def _of_others(
 
 
 def _standing(
-    told: tuple[Places, Matrices, Triples], velocities: speeds.Vectors, covariances: speeds.Squares, before: Rigid
+    places: speeds.Vectors,
+    measured: tuple[speeds.Vectors, speeds.Squares],
+    told: tuple[Matrices, Triples],
+    before: Rigid,
 ) -> tuple[Float64[np.ndarray, " k"], Rigid]:
     """Say with which probability each object stands: moves as most of them do, and they did before; or not as before.
 
     Returns:
         the probabilities, and what is known of the motion beside these objects.
     """
-    H, A, a = told
+    _, covariances = measured
     surest = np.argsort(np.trace(covariances, axis1=1, axis2=2), kind="stable")[:MOST_PAIRED]
-    i, j = (surest[numbers] for numbers in np.triu_indices(len(surest), 1))
-    motions = [before.mean[None]]
-    for known in (before, UNKNOWN):
-        information, pulled = known.information + A[i] + A[j], known.information @ known.mean + a[i] + a[j]
-        motions.append(np.linalg.solve(information, pulled[..., None])[..., 0])
-    rigid = np.concatenate(motions)
-    logs = _densities(velocities - np.einsum("kij,pj->pki", H, rigid), covariances)
-    as_before = np.log(1.0 - WRONG) + before.log_density(rigid)
-    another = np.log(WRONG) + UNKNOWN.log_density(rigid)
-    best = (np.logaddexp.reduce(logs, axis=0).sum(axis=1) + np.maximum(as_before, another)).argmax()
-    known, motion = before if as_before[best] > another[best] else UNKNOWN, rigid[best]
-    standing = np.zeros(len(H))
-    for _ in range(N_REFINEMENTS):
-        logs = _densities(velocities - H @ motion, covariances)
-        standing = np.exp(logs[0] - np.logaddexp.reduce(logs, axis=0))
-        pulled = known.information @ known.mean + standing @ a
-        motion = np.linalg.solve(known.information + np.tensordot(standing, A, 1), pulled)
-    return standing, known
+    standing, is_before = scene_kernels.standing(
+        places, measured, told, surest, before.parts(), UNKNOWN.parts(), VARIANCES, WRONG, N_REFINEMENTS
+    )
+    return standing, before if is_before else UNKNOWN
 
 
 def _densities(off: speeds.Vectors, covariances: Float64[np.ndarray, "*l 2 2"]) -> Logs:
     """Give the log densities of differences to what stands, for each of SPEEDS; up to what these have in common."""
-    return np.array([speeds.log_densities(off, covariances + sd**2 * np.eye(2)) for _, sd in SPEEDS])
+    return speeds.log_densities(off, covariances + VARIANCES.reshape(-1, *[1] * covariances.ndim) * np.eye(2))

@@ -1,20 +1,20 @@
 """Where evidence of an object's motion comes from: its shape, laid on itself, and the network's opinion."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from registration import planar, se3, uncertainty
 from registration.alignnet.method import AlignNetCars, AlignNetPersons
+from registration.iterative import Cloud
 from registration.methods.adh import AnnealedHistograms3D
-from registration.methods.plane_icp import PointToPlaneICP
-from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult, Status, Transform
+from registration.methods.plane_icp import ROUNDING, PointToPlaneICP
+from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult
 from tracker.estimators.contract import Sighting
 from tracker.estimators.fused.look import Encoding, Look, Networks, thinned
-from tracker.estimators.fused.window import Square, Vector
+from tracker.estimators.fused.window import Vector
 
 PERSONS = {"pedestrian", "person", "person_sitting", "cyclist"}  # classes that the network for persons is asked about
 # Planes count for what lies beside them as far as they were fitted, and rings on hoods are no walls: see docs/fused.md.
@@ -36,65 +36,69 @@ FEW_POINTS = 25  # clouds with fewer are searched for around, ...
 SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
 
+Vectors = Float64[np.ndarray, "m 2"]
+Squares = Float64[np.ndarray, "m 2 2"]
+PlanarCovariances = Float64[np.ndarray, "m 3 3"]
+Moved = tuple[Float64[np.ndarray, " m"], Vectors, PlanarCovariances]  # turns, steps of the places, their covariances
+
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """A motion that was measured between two looks.
+    """Motions that were measured between looks, M of them.
 
     Attributes:
-        step: displacement of the object's reference point (2) [m].
-        information: inverse covariance of that (2, 2).
-        turn: [rad].
-        turn_variance: [rad^2]; infinite where no turn was measured.
-        was_searched: annealed histograms had a say; they match what is seen as a whole.
+        steps: displacements of the objects' reference points (M, 2) [m].
+        informations: inverse covariances of these (M, 2, 2); zero where nothing was measured.
+        turns: (M) [rad].
+        turn_variances: (M) [rad^2]; infinite where no turn was measured.
+        was_searched: where annealed histograms had a say (M); they match what is seen as a whole.
     """
 
-    step: Vector
-    information: Square
-    turn: float
-    turn_variance: float
-    was_searched: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """Where an earlier look is expected in the newer one.
-
-    Attributes:
-        T: the motion; the earlier points are put there first.
-        covariance: of what is left of (x, y) [m^2]; None where nothing is known of the motion.
-        turn_variance: of what is left of yaw [rad^2].
-        contrary: covariance that another place adds which is told of, beside that (x, y) [m^2].
-    """
-
-    T: Transform
-    covariance: Square | None
-    turn_variance: float
-    contrary: Square = field(default_factory=lambda: np.zeros((2, 2)))
-
-    def is_sure(self, n_points: int) -> bool:
-        """Say whether the place is known well enough for planes, and points are many enough."""
-        if self.covariance is None or n_points < FEW_POINTS:
-            return False
-        (a, b), (_, c) = self.covariance.tolist()
-        return 0.5 * (a + c) + math.hypot(0.5 * (a - c), b) <= SURE**2  # the larger eigenvalue
+    steps: Vectors
+    informations: Squares
+    turns: Float64[np.ndarray, " m"]
+    turn_variances: Float64[np.ndarray, " m"]
+    was_searched: Bool[np.ndarray, " m"]
 
 
 @dataclass(frozen=True, slots=True)
 class Laid:
-    """An earlier look that is to be laid on a newer one.
+    """Earlier looks that are to be laid on newer ones, M of them, and where they are expected there.
 
     Attributes:
-        earlier: the look.
-        newer: number of the newer one.
-        place: of the object's reference point in the earlier one (2) [m].
-        expected: motion.
+        earlier: the looks.
+        newer: number of each one's newer look (M).
+        places: of the objects' reference points in the earlier ones (M, 2) [m].
+        shifts: how far these are expected to move (M, 2) [m]; the earlier points are put there first.
+        turns: that are expected (M) [rad].
+        covariances: of what is left of the shifts (M, 2, 2) [m^2].
+        is_expected: where anything is known of the motion; else the centroids tell the shift, no covariance is known.
+        turn_variances: of what is left of the turns (M) [rad^2].
+        contraries: covariances that another place adds which is told of, beside those (M, 2, 2) [m^2].
     """
 
-    earlier: Look
-    newer: int
-    place: Vector
-    expected: Expected
+    earlier: Sequence[Look]
+    newer: Sequence[int]
+    places: Vectors
+    shifts: Vectors
+    turns: Float64[np.ndarray, " m"]
+    covariances: Squares
+    is_expected: Bool[np.ndarray, " m"]
+    turn_variances: Float64[np.ndarray, " m"]
+    contraries: Squares
+
+    def moved(self, k: int, points: Points) -> Points:
+        """Put points of an earlier look where they are expected."""
+        R, place = planar.rotation(self.turns[k]), self.places[k]
+        moved = points.copy()
+        moved[:, :2] = points[:, :2] @ R.T + (place + self.shifts[k] - R @ place)
+        return moved
+
+    def is_sure(self, n_points: Int64[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        """Say where the place is known well enough for planes, and points are many enough."""
+        a, b, c = self.covariances[:, 0, 0], self.covariances[:, 0, 1], self.covariances[:, 1, 1]
+        largest = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # eigenvalue
+        return self.is_expected & (n_points >= FEW_POINTS) & (largest <= SURE**2)
 
 
 class Shape:
@@ -113,44 +117,107 @@ class Shape:
         self._search = AnnealedHistograms3D()
         self._planes = planes
 
-    def compare(self, laid: Sequence[Laid], newer: Sequence[Look]) -> list[Evidence]:
-        """Lay many earlier looks on newer ones at once; several may be laid on the same one."""
-        if not laid:
-            return []
-        moved = [se3.transform(job.expected.T, job.earlier.points) for job in laid]
-        targets = [newer[job.newer] for job in laid]
-        priors = [_prior(job.expected, a, b.points) for job, a, b in zip(laid, moved, targets, strict=True)]
-        found = self._searched(laid, moved, targets, priors)
-        fewest = [min(job.earlier.n_points, look.n_points) for job, look in zip(laid, targets, strict=True)]
-        beliefs = [
-            prior if result is None else _belief(result, job.expected, n_points)
-            for prior, result, job, n_points in zip(priors, found, laid, fewest, strict=True)
-        ]
+    def compare(self, laid: Laid, newer: Sequence[Look]) -> Evidence:
+        """Lay earlier looks on newer ones, all at once; one at least, and several may be laid on the same one."""
+        targets = [newer[number] for number in laid.newer]
+        kept = np.array([(len(a.points), len(b.points)) for a, b in zip(laid.earlier, targets, strict=True)])
+        seen = np.array([(a.n_points, b.n_points) for a, b in zip(laid.earlier, targets, strict=True)]).min(axis=1)
+        means, covariances = np.zeros((len(seen), 3)), _doubts(laid, targets)
+        is_sure = laid.is_sure(seen)
+        searched = np.flatnonzero(~laid.is_sure(kept.min(axis=1)) | laid.contraries.any(axis=(1, 2)))
+        found = self._searched(laid, targets, searched, covariances)
+        for k, result in found.items():  # the planes believe it; where it only chose a place, that it is there, no more
+            means[k], chosen = result.motion_about(result.source_centroid), result.covariance.copy()
+            chosen[:2, :2] = laid.covariances[k] if is_sure[k] else chosen[:2, :2]
+            chosen[2, 2] = laid.turn_variances[k]
+            covariances[k] = chosen
         surfaces = self._planes.prepare([look.points for look in newer])
-        sources = self._planes.prepare([thinned(cloud, SHAPE_POINTS) for cloud in moved])
-        refined = self._planes.align([(a, surfaces[job.newer]) for a, job in zip(sources, laid, strict=True)], beliefs)
-        return [
-            _evidence_of_shape(before, after, job, n_points)
-            for before, after, job, n_points in zip(found, refined, laid, fewest, strict=True)
-        ]
+        sources = self._planes.prepare(
+            [laid.moved(k, thinned(look.points, SHAPE_POINTS)) for k, look in enumerate(laid.earlier)]
+        )
+        pairs = [(a, surfaces[number]) for a, number in zip(sources, laid.newer, strict=True)]
+        at = laid.places + laid.shifts
+        is_refined, (turns, steps, known) = _refined(self._planes, pairs, means, covariances, at)
+        is_told = is_refined.copy()
+        for k in set(np.flatnonzero(~is_refined).tolist()) & found.keys():  # what was found before
+            turns[k], steps[k], known[k] = _about(found[k], at[k])
+            is_told[k] = True
+        was_searched = np.zeros_like(is_sure)
+        was_searched[searched] = ~is_sure[searched]  # else it has chosen between two places only
+        priors = laid.covariances + was_searched[:, None, None] * laid.contraries
+        informations = np.where(is_told[:, None, None], planar.inverses(known[:, :2, :2]), 0.0)
+        is_prior = laid.is_expected & is_told
+        informations[is_prior] = _without(informations[is_prior], planar.inverses(priors[is_prior]))
+        informations /= np.where(was_searched, SEARCHED_SHARE, SHAPE_SHARE * _denser(seen))[:, None, None]
+        variances = TURN_SHARE * known[:, 2, 2] + (TURN_SAMPLING / seen) ** 2
+        return Evidence(
+            steps=np.where(is_told[:, None], steps + laid.shifts, 0.0),
+            informations=informations,
+            turns=planar.wrap_all(turns + laid.turns),
+            turn_variances=np.where(is_refined, variances, np.inf),
+            was_searched=was_searched,
+        )
 
     def _searched(
-        self, laid: Sequence[Laid], moved: Sequence[Points], targets: Sequence[Look], priors: Sequence[MotionPrior]
-    ) -> list[RegistrationResult | None]:
-        """Search around, where what is expected is not sure enough or points are too few for planes."""
-        found: list[RegistrationResult | None] = [None] * len(laid)
-        own = [k for k, job in enumerate(laid) if _is_searched(job, moved[k], targets[k])]
-        sources = self._search.prepare([moved[k] for k in own], [targets[k].sensor.place for k in own])
-        surroundings = self._search.prepare([targets[k].points for k in own], [targets[k].sensor.place for k in own])
-        results = self._search.align(list(zip(sources, surroundings, strict=True)), [priors[k] for k in own])
-        for k, result in zip(own, results, strict=True):
-            found[k] = result
-        return found
+        self, laid: Laid, targets: Sequence[Look], searched: Int64[np.ndarray, " s"], covariances: PlanarCovariances
+    ) -> dict[int, RegistrationResult]:
+        """Search around, for those that are not expected surely enough, or have too few points for planes."""
+        numbers = searched.tolist()
+        places = [targets[k].sensor.place for k in numbers]
+        sources = self._search.prepare([laid.moved(k, laid.earlier[k].points) for k in numbers], places)
+        surroundings = self._search.prepare([targets[k].points for k in numbers], places)
+        priors = [MotionPrior(np.zeros(3), covariances[k]) for k in numbers]
+        results = self._search.align(list(zip(sources, surroundings, strict=True)), priors)
+        return dict(zip(numbers, results, strict=True))
 
 
-def _is_searched(job: Laid, moved: Points, target: Look) -> bool:
-    """Say whether the place is not known well enough for planes, something contradicts it, or points are too few."""
-    return not job.expected.is_sure(min(len(moved), len(target.points))) or bool(job.expected.contrary.any())
+def _doubts(laid: Laid, targets: Sequence[Look]) -> PlanarCovariances:
+    """Give the covariances of motions beside the expected ones; with nothing expected, what centroids would say."""
+    covariances = np.zeros((len(targets), 3, 3))
+    covariances[:, :2, :2] = laid.covariances + laid.contraries
+    for k in np.flatnonzero(~laid.is_expected).tolist():
+        covariances[k] = FIRST_DOUBT * uncertainty.of_centroids(
+            laid.moved(k, laid.earlier[k].points), targets[k].points
+        )
+    covariances[:, 2, 2] = laid.turn_variances
+    return covariances
+
+
+def _refined(
+    planes: PointToPlaneICP,
+    pairs: Sequence[tuple[Cloud, Cloud]],
+    means: Float64[np.ndarray, "m 3"],
+    covariances: PlanarCovariances,
+    at: Vectors,
+) -> tuple[Bool[np.ndarray, " m"], Moved]:
+    """Refine motions by planes; say where these had a say, and what they tell of places in the earlier clouds.
+
+    Args:
+        planes: how.
+        pairs: of clouds.
+        means: of what is believed of the motions, about the clouds' centroids.
+        covariances: of that.
+        at: the places.
+    """
+    starts, doubts = means.copy(), covariances + ROUNDING * np.eye(3)
+    sources, targets = (np.array([pair[side].centroid[:2] for pair in pairs]) for side in (0, 1))
+    starts[:, :2] -= targets - sources
+    found = planes.iterate(pairs, starts, doubts)
+    arms, turns = at - sources, found.motions[:, 2]
+    steps = targets + found.motions[:, :2] + planar.rotate_all(arms, turns) - at
+    about = planar.transport_covariances(found.covariances(np.linalg.inv(doubts)), np.zeros(len(arms)), arms)
+    return found.is_found & (found.outcomes[:, 1] > 0.0), (turns, steps, about)
+
+
+def _about(found: RegistrationResult, at: Vector) -> tuple[float, Vector, PlanarCovariance]:
+    """Read a result at a place: turn, step, covariance."""
+    covariance = planar.transport_covariance(found.covariance, 0.0, found.source_centroid[:2], at)
+    return se3.yaw(found.T_target_source), found.motion_about(np.array([*at, 0.0]))[:2], covariance
+
+
+def _denser(n_points: Int64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
+    """Give the share of their variance that dense clouds have."""
+    return (SHAPE_POINTS / np.clip(n_points, SHAPE_POINTS, DENSEST)) ** DENSER
 
 
 class Learned:
@@ -171,15 +238,35 @@ class Learned:
             found.update((k, Encoding(network, cloud)) for k, cloud in zip(own, clouds, strict=True))
         return [found[k] for k in range(len(sightings))]
 
-    def ask(self, pairs: Sequence[tuple[Look, Look]]) -> list[RegistrationResult | None]:
-        """Compare many pairs (earlier, newer look) at once; None where the network does not know."""
-        answers: list[RegistrationResult | None] = [None] * len(pairs)
+    def ask(self, pairs: Sequence[tuple[Look, Look]], places: Vectors) -> Evidence:
+        """Compare many pairs (earlier, newer look) at once.
+
+        Args:
+            pairs: M of them.
+            places: of the objects' reference points in the earlier ones (M, 2) [m].
+        """
+        n = len(pairs)
+        steps, informations, turns, variances = np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n), np.full(n, np.inf)
         for network in {id(newer.learned.network): newer.learned.network for _, newer in pairs}.values():
-            own = [k for k, pair in enumerate(pairs) if all(look.learned.network is network for look in pair)]
-            results = network.align([(pairs[k][0].learned.cloud, pairs[k][1].learned.cloud) for k in own])
-            for k, result in zip(own, results, strict=True):
-                answers[k] = result if result.status is Status.CONVERGED else None
-        return answers
+            own = [k for k, pair in enumerate(pairs) if all(look.learned.is_told_by(network) for look in pair)]
+            if not own:
+                continue
+            looks = [pairs[k] for k in own]
+            shifts = np.array([(a.shift, b.shift) for a, b in looks])
+            n_points = np.array([min(a.n_points, b.n_points) for a, b in looks])
+            sources = np.array([a.learned.cloud.centroid[:2] for a, _ in looks])
+            targets = np.array([b.learned.cloud.centroid[:2] for _, b in looks])
+            found, is_doubtful = network.compare([(a.learned.cloud, b.learned.cloud) for a, b in looks])
+            known = np.flatnonzero(~is_doubtful)
+            at = places[own] - shifts[:, 0]  # the network knows of no shifts
+            arms = at - sources - found.center[:, :2]
+            moved = targets + found.moved_center[:, :2] + planar.rotate_all(arms, found.turn) + shifts[:, 1]
+            covariances = found.covariances_about(arms)
+            told = np.array(own)[known]
+            steps[told], informations[told] = (moved - places[own])[known], planar.inverses(covariances[known, :2, :2])
+            turns[told] = found.turn[known]
+            variances[told] = covariances[known, 2, 2] + (TURN_SAMPLING / n_points[known]) ** 2
+        return Evidence(steps, informations, turns, variances, np.zeros(n, dtype=np.bool_))
 
     def _network(self, class_name: str) -> Networks:
         if class_name.lower() not in PERSONS:
@@ -189,94 +276,13 @@ class Learned:
         return self._persons
 
 
-def _prior(expected: Expected, moved: Points, newer: Points) -> MotionPrior:
-    """Expect no motion beside the expected one; with nothing expected, what centroids would say of one."""
-    covariance = np.zeros((3, 3))
-    if expected.covariance is None:
-        covariance += FIRST_DOUBT * uncertainty.of_centroids(moved, newer)
-    else:
-        covariance[:2, :2] = expected.covariance + expected.contrary
-    covariance[2, 2] = expected.turn_variance
-    return MotionPrior(np.zeros(3), covariance)
-
-
-def _belief(found: RegistrationResult, expected: Expected, n_points: int) -> MotionPrior:
-    """Believe what a search has found; where it has chosen between two places only, that it is there, no more."""
-    covariance = found.covariance.copy()
-    if expected.covariance is not None and expected.is_sure(n_points):
-        covariance[:2, :2] = expected.covariance
-    covariance[2, 2] = expected.turn_variance
-    return MotionPrior(found.motion_about(found.source_centroid), covariance)
-
-
-def _evidence_of_shape(
-    before: RegistrationResult | None, after: RegistrationResult, laid: Laid, n_points: int
-) -> Evidence:
-    """Read what the planes found after a search or without; where they found nothing, what was found before."""
-    expected, place = laid.expected, laid.place
-    is_refined = after.n_pairs > 0 and after.status in (Status.CONVERGED, Status.NOT_CONVERGED)
-    if before is None and not is_refined:
-        return Evidence(np.zeros(2), np.zeros((2, 2)), 0.0, float("inf"))
-    result = after if is_refined or before is None else before
-    at = _moved(expected.T, place)
-    step = _moved(result.T_target_source, at) - place
-    covariance = _about(result.covariance, 0.0, result.source_centroid[:2], at)
-    information = _inverse(covariance[:2, :2])
-    was_searched = before is not None and not expected.is_sure(n_points)  # else it has chosen between two places only
-    if expected.covariance is not None:
-        prior = expected.covariance + expected.contrary if was_searched else expected.covariance
-        information = _without(information, _inverse(prior))
-    information /= SEARCHED_SHARE if was_searched else SHAPE_SHARE * _denser(n_points)
-    turn = planar.wrap(se3.yaw(result.T_target_source) + se3.yaw(expected.T))
-    variance = TURN_SHARE * result.covariance[2, 2] + (TURN_SAMPLING / n_points) ** 2
-    return Evidence(step, information, turn, float(variance) if is_refined else float("inf"), was_searched)
-
-
-def _denser(n_points: int) -> float:
-    """Give the share of their variance that dense clouds have."""
-    return (SHAPE_POINTS / min(max(n_points, SHAPE_POINTS), DENSEST)) ** DENSER
-
-
-def evidence_of_network(result: RegistrationResult, earlier: Look, newer: Look, place: Vector) -> Evidence:
-    """Read an answer of the network at the object's reference point.
-
-    Args:
-        result: motion between the looks.
-        earlier, newer: the looks.
-        place: of the reference point in the earlier one [m].
-    """
-    T, turn = result.T_target_source, se3.yaw(result.T_target_source)
-    seen = place - earlier.shift  # the network knows of no shifts
-    covariance = _about(result.covariance, turn, result.source_centroid[:2], seen)
-    information = _inverse(covariance[:2, :2])
-    turn_variance = float(result.covariance[2, 2]) + (TURN_SAMPLING / min(earlier.n_points, newer.n_points)) ** 2
-    return Evidence(_moved(T, seen) + newer.shift - place, information, turn, turn_variance)
-
-
-def _about(
-    covariance: PlanarCovariance, turn: float, old: Float64[np.ndarray, "2"], new: Float64[np.ndarray, "2"]
-) -> PlanarCovariance:
-    return planar.transport_covariance(covariance, turn, old, new)
-
-
-def _moved(T: Transform, place: Vector) -> Vector:
-    moved: Vector = T[:2, :2] @ place + T[:2, 3]
-    return moved
-
-
-def _inverse(covariance: Square) -> Square:
-    """Invert a covariance (2, 2); NumPy's own takes longer to call than to compute, seven times an object and frame."""
-    (a, b), (_, c) = covariance.tolist()
-    return np.array([[c, -b], [-b, a]]) / (a * c - b * b)
-
-
-def _without(information: Square, prior: Square) -> Square:
-    """Take out what a prior knew; directions that nothing else told of are left without information."""
-    left: Square = information - prior
-    (a, b), (_, c) = left.tolist()
-    least = LEAST * float(information[0, 0] + information[1, 1])
-    if a > least and (a - least) * (c - least) > b * b:  # all directions are left
-        return left
-    values, axes = np.linalg.eigh(left)
-    values = np.where(values > least, values, 0.0)
-    return (axes * values) @ axes.T
+def _without(informations: Squares, priors: Squares) -> Squares:
+    """Take out what priors knew; directions that nothing else told of are left without information."""
+    left: Squares = informations - priors
+    a, b, c = left[:, 0, 0], left[:, 0, 1], left[:, 1, 1]
+    least = LEAST * (informations[:, 0, 0] + informations[:, 1, 1])
+    is_whole = (a > least) & ((a - least) * (c - least) > b * b)  # all directions are left
+    for k in np.flatnonzero(~is_whole):
+        values, axes = np.linalg.eigh(left[k])
+        left[k] = (axes * np.where(values > least[k], values, 0.0)) @ axes.T
+    return left

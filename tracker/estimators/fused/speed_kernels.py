@@ -40,38 +40,41 @@ def mix(velocities, covariances, is_known, expected, doubts, variances, weights,
             if not is_known[k, n]:
                 continue
             m = np.int64(0)  # not a literal; see window_kernels
+            x, y, slip, wide = velocities[k, n, 0], velocities[k, n, 1], slips[k, n, 0], slips[k, n, 1]
+            own = covariances[k, n, 0, 0], covariances[k, n, 0, 1], covariances[k, n, 1, 1]
             for c in range(C):
-                beside = doubts[k, n] + variances[c] * np.eye(2)
-                off = velocities[k, n] - expected[k, n]
-                m = _add(logs, parts, m, off, covariances[k, n], beside, weights[c, k], slips[k, n])
+                p, q, r = doubts[k, n, 0, 0] + variances[c], doubts[k, n, 0, 1], doubts[k, n, 1, 1] + variances[c]
+                off = x - expected[k, n, 0], y - expected[k, n, 1]
+                m = _add(logs, parts, m, off, own, (p, q, r), weights[c, k], (slip, wide))
             first = m
             for j in range(K):
                 if flows[k, j] > 0.0 and is_known[j, n]:
-                    beside = covariances[j, n] + (flow_variance + slips[j, n, 0] * slips[j, n, 1]) * np.eye(2)
-                    off = velocities[k, n] - velocities[j, n]
-                    m = _add(logs, parts, m, off, covariances[k, n], beside, flows[k, j], slips[k, n])
+                    p, q, r = covariances[j, n, 0, 0], covariances[j, n, 0, 1], covariances[j, n, 1, 1]
+                    wider = flow_variance + slips[j, n, 0] * slips[j, n, 1]
+                    off = x - velocities[j, n, 0], y - velocities[j, n, 1]
+                    m = _add(logs, parts, m, off, own, (p + wider, q, r + wider), flows[k, j], (slip, wide))
             if n == 0:
                 highest = logs[:first].max()
                 gains[k] = np.log(np.exp(logs[:m] - highest).sum() / np.exp(logs[:first] - highest).sum())
-            _sum_up(logs[:m], parts[:m], means[k, n], found[k, n])
+            _sum_up(logs, parts, m, means, found, k, n)
     return means, found, gains
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add(logs, parts, m, off, covariance, beside, weight, slip):
+def _add(logs, parts, m, off, own, beside, weight, slip):
     """Add the two parts, by either error, of a velocity that is `off` the middle of a normal; say how many there are.
 
     A part is a logarithm of its likelihood, and by how much its mean differs from what was measured (2), and its
-    covariance (xx, xy, yy).
+    covariance (xx, xy, yy).  Covariances come as such threes too.
     """
     for is_off in range(2):
         share = weight * (slip[0] if is_off == 1 else 1.0 - slip[0])
         if share <= 0.0:
             continue
         wide = is_off * slip[1]
-        a, b, c = covariance[0, 0] + wide, covariance[0, 1], covariance[1, 1] + wide
-        u, v, w = a + beside[0, 0], b + beside[0, 1], c + beside[1, 1]
+        a, b, c = own[0] + wide, own[1], own[2] + wide
+        u, v, w = a + beside[0], b + beside[1], c + beside[2]
         determinant = u * w - v * v
         x, y = (w * off[0] - v * off[1]) / determinant, (u * off[1] - v * off[0]) / determinant
         logs[m] = np.log(share) - 0.5 * (np.log(determinant) + off[0] * x + off[1] * y)
@@ -86,14 +89,19 @@ def _add(logs, parts, m, off, covariance, beside, weight, slip):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _sum_up(logs, parts, mean, covariance):
-    """Put mean and covariance of all parts in place; `mean` is what was measured."""
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
-    x, y = (weights * parts[:, 0]).sum(), (weights * parts[:, 1]).sum()
-    dx, dy = parts[:, 0] - x, parts[:, 1] - y
-    mean[0] += x
-    mean[1] += y
-    covariance[0, 0] = (weights * (parts[:, 2] + dx * dx)).sum()
-    covariance[0, 1] = covariance[1, 0] = (weights * (parts[:, 3] + dx * dy)).sum()
-    covariance[1, 1] = (weights * (parts[:, 4] + dy * dy)).sum()
+def _sum_up(logs, parts, m, means, found, k, n):  # noqa: PLR0913
+    """Put mean and covariance of all m parts in place of what was measured."""
+    highest, total, x, y = logs[:m].max(), 0.0, 0.0, 0.0
+    for i in range(m):
+        weight = np.exp(logs[i] - highest)
+        total, x, y = total + weight, x + weight * parts[i, 0], y + weight * parts[i, 1]
+    x, y, xx, xy, yy = x / total, y / total, 0.0, 0.0, 0.0
+    for i in range(m):
+        weight, dx, dy = np.exp(logs[i] - highest) / total, parts[i, 0] - x, parts[i, 1] - y
+        xx += weight * (parts[i, 2] + dx * dx)
+        xy += weight * (parts[i, 3] + dx * dy)
+        yy += weight * (parts[i, 4] + dy * dy)
+    means[k, n, 0] += x
+    means[k, n, 1] += y
+    found[k, n, 0, 0], found[k, n, 1, 1] = xx, yy
+    found[k, n, 0, 1] = found[k, n, 1, 0] = xy

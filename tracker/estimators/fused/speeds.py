@@ -1,6 +1,5 @@
 """How fast objects are before one is measured: as most are, as those are that are in sight, and as one of these is."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -8,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from tracker.estimators.fused import speed_kernels
-from tracker.estimators.fused.track import Steps
+from tracker.estimators.fused.steps import Steps
 
 # How fast objects are: share of all, and standard deviation of each of vx, vy [m/s].  Slow ones have a share of their
 # own, so that one that rolls is not taken for one that stands, and fast ones too.
@@ -25,6 +24,7 @@ Vectors = Float64[np.ndarray, "*k 2"]
 Squares = Float64[np.ndarray, "*k 2 2"]
 Shares = Float64[np.ndarray, "c k"]
 Probabilities = Float64[np.ndarray, " k"]
+Indices = Int64[np.ndarray, " m"]
 Expected = tuple[Float64[np.ndarray, "k n 2"], Float64[np.ndarray, "k n 2 2"]]
 
 
@@ -47,34 +47,30 @@ class Velocities(NamedTuple):
         """Give the covariances of both errors together."""
         return self.covariances + self.slips.prod(axis=2)[:, :, None, None] * np.eye(2)
 
-    def given_to(self, tracks: Sequence[Steps]) -> list[Steps]:
-        """Give each object's steps these velocities, where they have a place among them."""
-        given = []
-        for k, steps in enumerate(tracks):
-            own, back = _slots(steps, self.is_known.shape[1])
-            steps = replace(steps, velocities=steps.velocities.copy(), covariances=steps.covariances.copy())
-            steps.velocities[own], steps.covariances[own] = self.means[k, back], self.covariances[k, back]
-            given.append(steps)
-        return given
+    def given_to(self, steps: Steps) -> Steps:
+        """Give the objects' steps these velocities, where they have a place among them."""
+        own, k, back = _slots(steps, self.is_known.shape[1])
+        velocities, covariances = steps.velocities.copy(), steps.covariances.copy()
+        velocities[own], covariances[own] = self.means[k, back], self.covariances[k, back]
+        return replace(steps, velocities=velocities, covariances=covariances)
 
 
-def together(tracks: Sequence[Steps]) -> tuple[Velocities, Float64[np.ndarray, "k n 2"]]:
+def together(steps: Steps) -> tuple[Velocities, Float64[np.ndarray, "k n 2"]]:
     """Put the velocities of all objects side by side, and where these were [m]; no steps over several frames."""
-    n = max(len(steps.frames) for steps in tracks)
-    means, places, slips = np.zeros((3, len(tracks), n, 2))
-    covariances, is_known = np.tile(np.eye(2), (len(tracks), n, 1, 1)), np.zeros((len(tracks), n), dtype=np.bool_)
-    for k, steps in enumerate(tracks):
-        own, back = _slots(steps, n)
-        means[k, back], places[k, back] = steps.velocities[own], steps.places[own]
-        covariances[k, back], is_known[k, back], slips[k, back] = steps.covariances[own], True, steps.slips[own]
+    n_objects, n = len(steps.centers), int(np.bincount(steps.owners).max())
+    means, places, slips = np.zeros((3, n_objects, n, 2))
+    covariances, is_known = np.tile(np.eye(2), (n_objects, n, 1, 1)), np.zeros((n_objects, n), dtype=np.bool_)
+    own, k, back = _slots(steps, n)
+    means[k, back], places[k, back], slips[k, back] = steps.velocities[own], steps.places[own], steps.slips[own]
+    covariances[k, back], is_known[k, back] = steps.covariances[own], True
     return Velocities(means, covariances, is_known, slips), places
 
 
-def _slots(steps: Steps, n: int) -> tuple[Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]:
-    """Say which of an object's steps are from one frame to the next, and how many frames ago they ended, below n."""
-    back = steps.numbers[-1] - steps.numbers
+def _slots(steps: Steps, n: int) -> tuple[Indices, Indices, Indices]:
+    """Say which steps are from one frame to the next, whose, and how many frames ago they ended, below n."""
+    back = steps.numbers[steps.ends - 1][steps.owners] - steps.numbers
     own = np.flatnonzero((back < n) & (steps.lengths == 1))
-    return own, back[own]
+    return own, steps.owners[own], back[own]
 
 
 def of_class(shares: Shares, logs: Shares) -> Shares:
@@ -122,8 +118,8 @@ def mixed(
     return means, covariances, np.exp(np.minimum(gains, MOST_GAIN))
 
 
-def log_densities(off: Vectors, covariances: Float64[np.ndarray, "*l 2 2"]) -> Float64[np.ndarray, "*k"]:
-    """Give the logarithm of a normal's density, but for a constant."""
+def log_densities(off: Vectors, covariances: Float64[np.ndarray, "*l 2 2"]) -> Float64[np.ndarray, "..."]:
+    """Give the logarithm of a normal's density, but for a constant; arguments are broadcast."""
     a, b, c = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
     x, y = off[..., 0], off[..., 1]
     determinant = a * c - b * b

@@ -112,14 +112,16 @@ def _shown(x, k, numbers, windows, rotations, shown):
         shown: where the look before the last shows the object; it need not be there.
     """
     D, last, (frame, first) = rotations.shape[1], windows.sizes[k] - 1, numbers
-    R = rotations[frame + last]
+    R, ends, olders, newers = rotations[frame + last], windows.ends, windows.olders, windows.newers
+    claimed, doubts = windows.informations, windows.doubts
     places, informations = [x[2 * D * last : 2 * D * last + D].copy()], [np.eye(D)]
     for c in range(first, first + windows.counts[k]):
-        if windows.ends[c, 1] == last:
-            older = windows.ends[c, 0]
+        if ends[c, 1] == last:
+            older = ends[c, 0]
             start = shown if older == last - 1 else x[2 * D * older : 2 * D * older + D]
-            places.append(start - rotations[frame + older] @ windows.olders[c] + R @ windows.newers[c])
-            information, _ = claims.believed(windows.informations[c], windows.doubts[c], 1.0, D)
+            places.append(start - rotations[frame + older] @ olders[c] + R @ newers[c])
+            information = np.empty((D, D))
+            claims.believe(claimed, doubts, c, 1.0, D, information)
             informations.append(R @ information @ R.T)
     return places, informations
 

@@ -1,6 +1,7 @@
 """Where something was at the last few frames, from comparisons of any two of them: a fixed-lag smoother."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -128,28 +129,9 @@ class Window:
         place: Vector = self.state[i, 0].copy()
         return place
 
-    def steps(self, tells: Bool[np.ndarray, " m"] | None = None) -> Moved:
-        """Give how far the object moved from each frame to the next, without what its axes shook.
-
-        Args:
-            tells: whether the places at both ends tell of each step's velocity (n - 1), as where some time lies between
-                the looks; else the rates alone do.  None: all tell.
-
-        Returns:
-            displacements (n - 1, d), and two parts of their covariances (n - 1, d, d): what is open since places and
-            rates are, and since axes shake.
-        """
-        found: Moved = motion_kernels.steps(
-            self.state,
-            self.covariance,
-            np.array(self.times),
-            np.ones(len(self) - 1, np.bool_) if tells is None else tells,
-            np.array(self.shakes),
-            float(self.model.density),
-            float(self.model.tails[1]),
-            self.state.shape[2],
-        )
-        return found
+    def steps(self) -> Moved:
+        """Give how far the object moved from each frame to the next; see `steps`."""
+        return steps([self], np.ones(len(self) - 1, np.bool_))
 
     def step(self) -> tuple[Vector, Square]:
         """Give the mean rate over the latest step, and its covariance."""
@@ -241,11 +223,14 @@ class Window:
         One that says nothing is left out, and one with a look that is off; see `Comparison`.  Beside what it claims
         it has the covariance `doubt`; None: nothing.
         """
-        if self.is_off[-1 - lag] or not information.any():
-            return
         beside = np.zeros(information.size) if doubt is None else doubt.ravel()
-        measured = np.concatenate((start, start + step, information.ravel(), beside))
-        self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
+        if information.any():
+            self.take(lag, np.concatenate((start, start + step, information.ravel(), beside)))
+
+    def take(self, lag: int, measured: Float64[np.ndarray, " row"]) -> None:
+        """Do `compare` with what is measured in one row already (see `Comparison`), and says something."""
+        if not self.is_off[-1 - lag]:
+            self.comparisons.append(Comparison(self._newest - lag, self._newest, measured))
 
     def n_told(self, lag: int) -> int:
         """Say how many comparisons of earlier frames there are with the frame `lag` before the latest, as the older."""
@@ -285,3 +270,30 @@ class Window:
         for series in (self.times, self.axes, self.shakes, self.doubts, self.is_off, self._rates):
             series.pop(0)
         self.comparisons = [c for c in self.comparisons if c.older >= self.n_left]
+
+
+def steps(windows: Sequence[Window], tells: Bool[np.ndarray, " m"]) -> Moved:
+    """Give how far objects moved from each frame to the next, one object after the other, without what axes shook.
+
+    Args:
+        windows: of K objects that share a model, N frames in all.
+        tells: whether the places at both ends tell of each step's velocity (N - K), as where some time lies between
+            the looks; else the rates alone do.
+
+    Returns:
+        displacements (N - K, d), and two parts of their covariances (N - K, d, d): what is open since places and rates
+        are, and since axes shake.
+    """
+    model = windows[0].model
+    found: Moved = motion_kernels.steps(
+        np.array([len(window) for window in windows]),
+        np.concatenate([window.state for window in windows]),
+        np.concatenate([window.covariance.ravel() for window in windows]),
+        np.array([time for window in windows for time in window.times]),
+        tells,
+        np.concatenate([window.shakes for window in windows]),
+        float(model.density),
+        float(model.tails[1]),
+        windows[0].state.shape[2],
+    )
+    return found

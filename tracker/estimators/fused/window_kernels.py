@@ -4,6 +4,9 @@ An object's unknowns are, D numbers each for each frame: place and rate.  Compar
 difference of place, in the axes of their frames.  How these axes stand against ones that do not turn is unknown too,
 and the same for all objects: eliminating the objects one by one (Schur complement) leaves a small system for the axes.
 
+Loops over comparisons take arrays out of the tuples first, hand them on whole, with the row that is meant, and make
+none: numba counts references to arrays, with locked instructions, wherever a tuple or a row is taken apart, which was
+half of the time.
 numba's cache of `solve` looks at this file only: after a change in a neighbour, delete `__pycache__/*.nb*` beside it.
 
 Source: iteratively reweighted least squares for Student's t (`heavy_tails`); elimination as in bundle adjustment,
@@ -179,14 +182,15 @@ def _begin(windows, angles, density, D):
     x = np.zeros((len(windows.sizes), 2 * D * windows.sizes.max()))
     motions = np.zeros((len(windows.times), 4 * D, 4 * D))
     rotations, f = axes_kernels.to_steady(windows, angles, D), 0
-    for k in range(len(windows.sizes)):
-        for j in range(windows.sizes[k]):
+    sizes, times, state, shakes = windows.sizes, windows.times, windows.state, windows.shakes
+    for k in range(len(sizes)):
+        for j in range(sizes[k]):
             for p in range(2):
-                x[k, (2 * j + p) * D : (2 * j + p + 1) * D] = rotations[f] @ windows.state[f, p]
-            if j + 1 < windows.sizes[k]:
-                motions[f] = motion_kernels.information(
-                    windows.times[f + 1] - windows.times[f], density, windows.shakes[f + 1], D
-                )
+                for d in range(D):
+                    for e in range(D):
+                        x[k, (2 * j + p) * D + d] += rotations[f, d, e] * state[f, p, e]
+            if j + 1 < sizes[k]:
+                motions[f] = motion_kernels.information(times[f + 1] - times[f], density, shakes[f + 1], D)
             f += 1
     return x, motions
 
@@ -202,10 +206,30 @@ def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, rotati
     _add_beginning(H, b, x, R @ windows.rates[k], R @ windows.rate_informations[k] @ R.T, D)
     misfit = n_told = 0.0
     for i in range(windows.sizes[k] - 1):
-        misfit += _add_motion(H, x, i, motions[frame + i], tails[1], scale, D)
+        misfit += _add_motion(H, x, i, motions, frame + i, tails[1], scale, D)
+    ends, olders, newers, numbers = windows.ends, windows.olders, windows.newers, windows.axes
+    informations, doubts = windows.informations, windows.doubts
+    own, information, at, step = np.empty((D, D)), np.empty((D, D)), np.empty((2, D)), np.empty(D)
     for c in range(comparison, comparison + windows.counts[k]):
-        off, share = _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tails[0], scale, D)
-        misfit, n_told = misfit + share * off, n_told + share
+        i, j = frame + ends[c, 0], frame + ends[c, 1]
+        older, newer = 2 * D * ends[c, 0], 2 * D * ends[c, 1]
+        part = claims.believe(informations, doubts, c, scale, D, own)
+        for d in range(D):
+            at[0, d] = at[1, d] = 0.0
+            for e in range(D):
+                at[0, d] += rotations[j, d, e] * newers[c, e]
+                at[1, d] += rotations[i, d, e] * olders[c, e]
+            step[d] = at[0, d] - at[1, d]
+        _turn(own, rotations, j, D, information)
+        distance = _distance(x, older, newer, step, information, D)
+        weight = heavy_tails.weight(tails[0], D, distance)
+        for d in range(D):
+            for e in range(D):
+                information[d, e] *= weight
+        _add_step(H, b, older, newer, step, information, D)
+        if D > 1 and max(numbers[i], numbers[j]) >= 0:
+            axes_kernels.add_lever(L, A, a, (numbers[j], numbers[i]), (newer, older), at, step, information)
+        misfit, n_told = misfit + part * weight * distance * scale, n_told + part
     return misfit, n_told
 
 
@@ -223,13 +247,16 @@ def _add_beginning(H, b, x, rate_mean, rate_information, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_motion(H, x, i, motion, tail, scale, D):
-    """Add a step of the motion, and give how far it is off: its weighed squared distance."""
-    first, last = 2 * D * i, 2 * D * (i + 2)
-    u = x[first:last]
-    distance = u @ motion @ u
+def _add_motion(H, x, i, motions, f, tail, scale, D):
+    """Add step i of the motion, of which row f tells, and give how far it is off: its weighed squared distance."""
+    first, distance = 2 * D * i, 0.0
+    for p in range(4 * D):
+        for q in range(4 * D):
+            distance += x[first + p] * motions[f, p, q] * x[first + q]
     weight = heavy_tails.weight(tail, 2 * D, distance / scale)
-    H[first:last, first:last] += weight / scale * motion
+    for p in range(4 * D):
+        for q in range(4 * D):
+            H[first + p, first + q] += weight / scale * motions[f, p, q]
     return weight * distance
 
 
@@ -256,35 +283,26 @@ def _add_changes(H, x, times, density, scale, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _add_comparison(H, b, L, A, a, x, c, frame, windows, rotations, tail, scale, D):
-    """Add comparison c: x_newer - x_older = R_newer q_newer - R_older q_older, about the present angles.
-
-    Returns how far it is off, as `_add_motion` does, and how much that tells of its claims.
-    """
-    i, j = frame + windows.ends[c, 0], frame + windows.ends[c, 1]
-    older, newer = 2 * D * windows.ends[c, 0], 2 * D * windows.ends[c, 1]
-    Ri, Rj = rotations[i], rotations[j]
-    own, share = claims.believed(windows.informations[c], windows.doubts[c], scale, D)
-    ends, step, off, information = np.zeros((2, D)), np.empty(D), np.empty(D), np.zeros((D, D))
+def _turn(own, rotations, j, D, information):
+    """Turn an information from the axes of frame j to steady ones, into `information`."""
     for d in range(D):
         for e in range(D):
-            ends[0, d] += Rj[d, e] * windows.newers[c, e]
-            ends[1, d] += Ri[d, e] * windows.olders[c, e]
+            information[d, e] = 0.0
             for p in range(D):
                 for q in range(D):
-                    information[d, e] += Rj[d, p] * own[p, q] * Rj[e, q]
-        step[d] = ends[0, d] - ends[1, d]
-        off[d] = x[newer + d] - x[older + d] - step[d]
+                    information[d, e] += rotations[j, d, p] * own[p, q] * rotations[j, e, q]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _distance(x, older, newer, step, information, D):
+    """Give how far places are off a step between them: a squared distance."""
     distance = 0.0
     for d in range(D):
         for e in range(D):
-            distance += off[d] * information[d, e] * off[e]
-    weight = heavy_tails.weight(tail, D, distance)
-    information *= weight
-    _add_step(H, b, older, newer, step, information, D)
-    if D > 1 and max(windows.axes[i], windows.axes[j]) >= 0:
-        axes_kernels.add_lever(L, A, a, (windows.axes[j], windows.axes[i]), (newer, older), ends, step, information)
-    return weight * distance * scale, share
+            p, q = x[newer + d] - x[older + d] - step[d], x[newer + e] - x[older + e] - step[e]
+            distance += p * information[d, e] * q
+    return distance
 
 
 @njit(cache=True, nogil=True)
