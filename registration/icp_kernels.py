@@ -2,7 +2,9 @@
 
 They share one file because numba's cache looks only at the file of the function it was asked for: a search that
 lived elsewhere could change without the loops that contain it being compiled anew.  They take arrays one by one,
-which makes many arguments (PLR0913): numba counts references of arrays that come in tuples, again and again.
+which makes many arguments (PLR0913): numba counts references of arrays that come in tuples, again and again, and of
+those that a function hands on to another, whenever it is called.  So what is called for each point (`look_around`)
+calls nothing that is not inlined, and loops hand whole arrays on, not rows of them.
 Divisions are checked where they are made, not by numba (`error_model`), and rows that cannot be negative are said to
 be so (uint64): together a tenth of ICP's time.
 

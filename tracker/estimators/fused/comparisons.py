@@ -12,6 +12,8 @@ from registration import planar
 from tracker.estimators.fused.look import Look
 from tracker.estimators.fused.track import Track
 
+RIGHT_THERE = 1e-9  # of points seen from 1 m: those right at the sensor are none
+
 Numbers = Float64[np.ndarray, " m"]
 Indices = Int64[np.ndarray, " m"]
 Vectors = Float64[np.ndarray, "m 2"]
@@ -104,7 +106,7 @@ def doubted(pairs: Pairs, doubts: Doubts) -> Squares:
     )
     (n_before, n_now, before, now), sensors = table[:, :4].T, table[:, 4:].reshape(-1, 2, 2)
     older, newer = np.sqrt(1.0 + pairs.n_told), np.sqrt(doubts.n_lags[pairs.owners])
-    share = (1.0 - np.minimum(before, now) / np.maximum(before, now)) ** 2
+    share = (1.0 - np.minimum(before, now) / np.maximum(np.maximum(before, now), RIGHT_THERE)) ** 2
     changed = doubts.by_change * share * np.where(before < now, older, newer)
     way = pairs.newers - pairs.olders - (sensors[:, 1] - sensors[:, 0])
     length = np.hypot(way[:, 0], way[:, 1])

@@ -52,8 +52,8 @@ class Look:
         sensor: that saw them.
         shift: what was added to their places, since the sensor moved on until its beams passed them (2) [m]; in a world
             only, and where scans are raw sweeps.
-        lags: how much later each point was seen than the sensor's head pointed to it [s]; None where all points are of
-            one instant.
+        passed: when the beams passed each point, after the time of the frame [s]; None where all points are of one
+            instant.
         is_timed: whether it is known when each point was seen: all are of one instant, or their lasers are known.
         learned: what the network makes of it.
         frame: number of the frame in its sequence.
@@ -71,7 +71,7 @@ class Look:
     middle: Vector
     sensor: Sensor
     shift: Vector
-    lags: Float64[np.ndarray, " n"] | None
+    passed: Float64[np.ndarray, " n"] | None
     is_timed: bool
     learned: Encoding
     frame: int
@@ -89,7 +89,7 @@ class Look:
         Args:
             sensor: that saw them.
         """
-        if self.lags is None:
+        if self.passed is None:
             return self
         shift = self.delay * sensor.carried(self.middle)
         points = self.points.copy()
@@ -104,12 +104,11 @@ class Look:
         Args:
             velocity: of the object relative to the sensor [m/s].
         """
-        if self.lags is None:
+        if self.passed is None:
             return self
         points = self.points.copy()
-        passed = self.sensor.delays(points[:, :2] - self.shift, self.lags)
-        points[:, :2] += (self.delay - passed)[:, None] * velocity
-        return replace(self, points=points, lags=None)
+        points[:, :2] += (self.delay - self.passed)[:, None] * velocity
+        return replace(self, points=points, passed=None)
 
 
 def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_lasers: bool) -> Look:
@@ -122,11 +121,12 @@ def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_laser
         knows_lasers: whether it is known when each laser fires, if it is known which sensor's they are.
     """
     points, middle, delay, is_torn = thinned(sighting.points), sighting.midpoint[:2], 0.0, False
-    lags, is_timed, time = None, True, sighting.timestamp
+    passed, is_timed, time = None, True, sighting.timestamp
     if sighting.is_swept:
         lags, is_timed = _timing(sighting, knows_lasers)
         delay = float(sensor.delays(middle[None])[0])
-        is_torn = bool(np.ptp(sensor.delays(points[:, :2], lags)) > 0.5 * SWEEP.period)
+        passed = sensor.delays(points[:, :2], lags)
+        is_torn = bool(np.ptp(passed) > 0.5 * SWEEP.period)
         time = sighting.frame_timestamp + delay
     look = Look(
         points=points,
@@ -135,7 +135,7 @@ def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_laser
         middle=middle,
         sensor=sensor,
         shift=np.zeros(2),
-        lags=lags,
+        passed=passed,
         is_timed=is_timed,
         learned=learned,
         frame=sighting.frame,
@@ -148,7 +148,7 @@ def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_laser
 
 
 def _timing(sighting: Sighting, knows_lasers: bool) -> tuple[Float64[np.ndarray, " n"], bool]:
-    """Give `Look.lags` and `Look.is_timed` of a raw sweep; unknown lasers have no lags."""
+    """Give how much later than the sensor's head each laser fired, and `Look.is_timed`; unknown lasers have no lags."""
     points_lidar = thinned(sighting.points_lidar)
     lasers = sighting.lasers if knows_lasers else None
     lags = None if lasers is None else firing_lags(points_lidar, beam_model(lasers))

@@ -78,11 +78,10 @@ class Track:
         Where nothing is known of the motion, nothing is undone.
         """
         before = self.looks[-1]
-        if not self.place.comparisons or (new.lags is None and before.lags is None):
+        if not self.place.comparisons or (new.passed is None and before.passed is None):
             return new
-        centers = self.centers()
         velocity = (self.place.at(-1) - self.place.at(-2)) / (self.place.times[-1] - self.place.times[-2])
-        velocity = velocity - new.sensor.carried(centers[-1])
+        velocity = velocity - new.sensor.carried(self.center_at(-1))
         self.looks[-1] = before.straightened(velocity)
         return new.straightened(velocity)
 
@@ -104,13 +103,11 @@ class Track:
         """
         look = self.looks[-1]
         if look.clock != look.time:
-            center = self.centers()[-1] - look.shift
+            center = self.center_at(-1) - look.shift
             late = float(look.sensor.delays(center[None])[0])
             self.looks[-1] = replace(look, late=late, past_end=look.sensor.past_end(center))
 
-    def centers(self) -> Float64[np.ndarray, "n 2"]:
-        """Give the object's centre at each frame [m]."""
-        c, s = np.cos(self.turn.state[:, 0, 0]), np.sin(self.turn.state[:, 0, 0])
-        x, y = self.center
-        found: Float64[np.ndarray, "n 2"] = self.place.state[:, 0] + np.column_stack([c * x - s * y, s * x + c * y])
+    def center_at(self, i: int) -> Vector:
+        """Give the object's centre at frame i [m]."""
+        found: Vector = self.place.state[i, 0] + planar.rotation(float(self.turn.state[i, 0, 0])) @ self.center
         return found
