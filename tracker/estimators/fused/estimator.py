@@ -225,19 +225,21 @@ class FusedEstimator(FrameEstimator):
         return set(numbers)
 
     def _compare_shapes(self, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
-        """Lay earlier looks on the latest ones; give the numbers of the objects of which there are any."""
-        own, pairs = self.settings, paired(tracks, looks, self.settings.shape_lags)
-        if not len(pairs):
-            return set()
-        found = self._shape.compare(self._laid(tracks, looks, pairs), looks)
+        """Lay earlier looks on the latest ones, and solve; give the numbers of the objects of which there are any."""
+        pairs = paired(tracks, looks, self.settings.shape_lags)
+        if len(pairs):
+            self._lay(tracks, looks, pairs)
+        solve([track.place for track in tracks], self._axes)
+        return set(pairs.owners.tolist())
+
+    def _lay(self, tracks: Sequence[Track], looks: Sequence[Look], pairs: Pairs) -> None:
+        own, found = self.settings, self._shape.compare(self._laid(tracks, looks, pairs), looks)
         by_change = np.where(found.was_searched, own.shape_changed, 0.0)
         by_way = np.where([look.is_timed for look in pairs.now], own.shape_moved, own.untimed_moved)
         doubts = doubted(pairs, self._doubts(tracks, by_change, own.shape_turned, by_way))
         is_torn = [a.is_torn or b.is_torn for a, b in zip(pairs.before, pairs.now, strict=True)]
         doubts[is_torn] += own.torn**2 * ONE
         self._hear(tracks, pairs, np.arange(len(pairs)), found, doubts)
-        solve([track.place for track in tracks], self._axes)
-        return set(pairs.owners.tolist())
 
     def _doubts(self, tracks: Sequence[Track], by_change: Numbers, by_turn: float, by_way: Numbers) -> Doubts:
         lags = self.settings.learned_lags, self.settings.shape_lags
