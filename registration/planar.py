@@ -20,7 +20,7 @@ RESOLUTION = 1e-9  # clouds smaller than this share of their distance from the o
 
 def wrap(angle: float) -> float:
     """Bring an angle [rad] to (-pi, pi]."""
-    return float(-((-angle + np.pi) % (2.0 * np.pi) - np.pi))
+    return float(np.pi - (np.pi - angle) % (2.0 * np.pi))
 
 
 def wrap_all(angles: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:

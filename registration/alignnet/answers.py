@@ -100,7 +100,7 @@ def results(
 def nearest_turns(turn: Numbers, expected: Numbers) -> Numbers:
     """Give each turn, or half a turn more or less, whichever is nearer to what is expected [rad]; in (-pi, pi]."""
     off = (turn - expected + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-    return np.pi - (np.pi - expected - off) % (2.0 * np.pi)
+    return planar.wrap_all(expected + off)
 
 
 def fused(found: RegistrationResult, prior: MotionPrior) -> RegistrationResult:

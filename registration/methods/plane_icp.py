@@ -171,7 +171,7 @@ class Iterated:
 
     @property
     def is_found(self) -> Bool[np.ndarray, " n"]:
-        """Say where planes had a say at all."""
+        """Say where planes had a say at all: there were pairs to the end."""
         return np.isin(self.outcomes[:, 0], (icp_kernels.CONVERGED, icp_kernels.NOT_CONVERGED))
 
     def covariances(self, known: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3 3"]:

@@ -221,6 +221,18 @@ def test_a_cloud_of_one_point_is_no_certainty():
     assert np.linalg.eigvalsh(estimate.covariance).min() > 0.5**2
 
 
+def test_what_is_right_at_the_sensor_is_no_division_by_zero():
+    """As a rod on the roof: the range of its middle is 0, so that no points would be left of it, seen from 1 m."""
+    estimator = create_estimator("fused")
+    cloud = car_cloud(40) * 0.2
+    cloud -= 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))
+    for k in range(5):
+        estimate = estimator.step({7: segment(cloud, k)}, 0.1 * k, None)[7]
+    assert estimate.range_m == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(estimate.velocity, 0.0, atol=0.1)
+    assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+
+
 def test_claims_of_real_scans_are_not_those_that_simulated_ones_keep():
     """All of an object's errors are claimed where scans are real; the share of it that simulated ones show, there."""
     variances = {}

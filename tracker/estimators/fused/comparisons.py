@@ -67,12 +67,12 @@ class Doubts:
 
 
 def paired(tracks: Sequence[Track], looks: Sequence[Look], lags: tuple[int, ...]) -> Pairs:
-    """Pair the latest looks with earlier ones; of a track that is not long enough yet, with the first."""
+    """Pair the latest looks of tracks, one at least, with earlier ones; where there are too few yet, with the first."""
     jobs = [(k, lag) for k, track in enumerate(tracks) for lag in lags_of(len(track.looks), lags)]
     owners, back = np.array(jobs, dtype=np.int64).reshape(-1, 2).T
     last = np.cumsum([len(track.place) for track in tracks]) - 1
-    places = np.concatenate([np.empty((0, 2)), *(track.place.state[:, 0] for track in tracks)])
-    turns = np.concatenate([np.empty(0), *(track.turn.state[:, 0, 0] for track in tracks)])
+    places = np.concatenate([track.place.state[:, 0] for track in tracks])
+    turns = np.concatenate([track.turn.state[:, 0, 0] for track in tracks])
     newest = last[owners]
     return Pairs(
         owners=owners,

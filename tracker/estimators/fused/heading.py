@@ -10,9 +10,9 @@ RATE_SD = 0.2  # of the ego's rate of turn before anything is known [rad/s]
 DENSITY = 0.01
 OWN_TURN_SD = 0.15  # of an object's own rate of turn [rad/s]: most go straight, some turn
 SHORTEST_STEP = 0.01  # [s]
-Numbers = Float64[np.ndarray, " n"]
-
 MOST_KEPT = 100  # frames whose angles are remembered, for objects that nothing was seen of in between
+
+Numbers = Float64[np.ndarray, " n"]
 
 
 class Heading:

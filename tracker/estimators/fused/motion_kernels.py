@@ -88,7 +88,7 @@ def advance(state, covariance, dt, turned, density, shake, is_full):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def steps(sizes, state, covariances, times, tells, shakes, density, tail, D):  # noqa: PLR0913
+def steps(sizes, state, covariances, times, tells, shakes, density, tail, D):
     """Give how far K objects moved from frame to frame, N in all, without what only their frames' axes shook (N - K).
 
     Between two rates, a motion of nearly constant rate leaves a displacement as open as `density` dt^3 / 12 about their

@@ -87,7 +87,7 @@ def _solve(information, pulled, A, a, i, j, motion):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _score(places, velocities, forms, motion, before, unknown, wrong, logs):  # noqa: PLR0913
+def _score(places, velocities, forms, motion, before, unknown, wrong, logs):
     """Give how well a motion explains all velocities, and whether it is as before."""
     as_before = np.log(1.0 - wrong) + _log_density(before[0], before[1], before[2], motion)
     another = np.log(wrong) + _log_density(unknown[0], unknown[1], unknown[2], motion)

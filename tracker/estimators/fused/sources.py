@@ -206,7 +206,7 @@ def _refined(
     arms, turns = at - sources, found.motions[:, 2]
     steps = targets + found.motions[:, :2] + planar.rotate_all(arms, turns) - at
     about = planar.transport_covariances(found.covariances(np.linalg.inv(doubts)), np.zeros(len(arms)), arms)
-    return found.is_found & (found.outcomes[:, 1] > 0.0), (turns, steps, about)
+    return found.is_found, (turns, steps, about)
 
 
 def _about(found: RegistrationResult, at: Vector) -> tuple[float, Vector, PlanarCovariance]:

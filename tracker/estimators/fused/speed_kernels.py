@@ -89,7 +89,7 @@ def _add(logs, parts, m, off, own, beside, weight, slip):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _sum_up(logs, parts, m, means, found, k, n):  # noqa: PLR0913
+def _sum_up(logs, parts, m, means, found, k, n):
     """Put mean and covariance of all m parts in place of what was measured."""
     highest, total, x, y = logs[:m].max(), 0.0, 0.0, 0.0
     for i in range(m):

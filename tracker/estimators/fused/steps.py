@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.special import ndtr
 
+from registration import planar
 from tracker.ego_motion.sweep import LEAST_SHARE
 from tracker.estimators.fused import window
 from tracker.estimators.fused.sensor import SWEEP
@@ -127,9 +128,7 @@ def read(tracks: Sequence[Track], share: float) -> Steps:
 def _arms(tracks: Sequence[Track], sizes: Int64[np.ndarray, " k"]) -> Vectors:
     """Give where each object's centre is against its reference point, in the axes of each frame [m]."""
     turns = np.concatenate([track.turn.state[:, 0, 0] for track in tracks])
-    x, y = np.repeat([track.center for track in tracks], sizes, axis=0).T
-    c, s = np.cos(turns), np.sin(turns)
-    return np.column_stack([c * x - s * y, s * x + c * y])
+    return planar.rotate_all(np.repeat([track.center for track in tracks], sizes, axis=0), turns)
 
 
 def _crossed(past_end: Float64[np.ndarray, " m"], before: Indices, after: Indices) -> Numbers:
