@@ -1,122 +1,169 @@
-"""The network made fast: batch norm folded away, wide layers in bfloat16 where the CPU knows it, clouds unpadded."""
+"""The network made fast, on a CPU: clouds unpadded, wide layers by oneDNN, all between them in compiled loops.
+
+It says once more what `network.AlignNet` says, for arrays instead of tensors: of a few objects, small tensors' own
+costs are most of the time.  Batch norm is folded away; wide layers are in bfloat16 where the CPU knows it.
+"""
 
 from collections.abc import Sequence
-from copy import deepcopy
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Float32, Float64, Int16
 from torch import Tensor, nn
-from torch.nn import functional
 
-from registration.alignnet import checkpoint, ragged
+from registration.alignnet import checkpoint, inference_kernels
+from registration.alignnet.answers import Answers
 from registration.alignnet.checkpoint import About
+from registration.alignnet.inference_kernels import CONTEXT_NUMBERS, FRAME_NUMBERS
 from registration.alignnet.layers import Head, NormalisedLinear, PointEncoder
-from registration.alignnet.network import AlignNet, Encoding
+from registration.alignnet.network import AlignNet
+from registration.alignnet.packing import thinned
 from registration.alignnet.products import FoldedLinear
-from registration.types import Point
-
-Row = Float32[np.ndarray, " w"]  # an `Encoding` of one cloud, field by field
-Rows = Float32[np.ndarray, "b w"]
+from registration.types import Points
 
 # oneDNN makes a program for each new number of rows, which takes as long as running it: there are few such numbers
 LIKE_SIZED = 64
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
-
-class FoldedPointEncoder(nn.Module):
-    """A `PointEncoder` for inference, with the first layer in float32: bfloat16 knows 4 m to 2 cm only."""
-
-    def __init__(self, encoder: PointEncoder, how: "How", branch: int = 0) -> None:
-        super().__init__()
-        first, *middle, last = encoder.normalised()
-        self.first = how.linear(first, branch, dtype=torch.float32)
-        self.middle = nn.ModuleList(how.linear(layer, branch) for layer in middle)
-        self.last = how.linear(last, branch)
-        self.how = how
-
-    def forward(
-        self, points: Float[Tensor, "n 3"], cloud: Int64[Tensor, " n"], n_clouds: int, branch: int = 0
-    ) -> Float[Tensor, "b d"]:
-        """Encode a ragged batch; the last bias and activation come after the maximum, which they do not change."""
-        if self.how.pack and (missing := -len(points) % LIKE_SIZED):
-            points = functional.pad(points, (0, 0, 0, missing))  # zeros that belong to no cloud
-        features = self.first(points).to(self.how.dtype)  # (n, 64)
-        for layer in self.middle:
-            features = layer(features)  # (n, 128)
-        product = self.last.product(features)  # (n, d)
-        if self.how.pack:
-            product = product[: len(cloud)]
-        maximum = ragged.half_maximum if self.how.dtype is torch.bfloat16 else ragged.maximum
-        return torch.relu_(maximum(product, cloud, n_clouds) + self.last.bias).float()
+Pose = Float64[np.ndarray, "4"]
+Stored = Int16[np.ndarray, "..."] | Float32[np.ndarray, "..."]  # bits of bfloat16, or float32
+Frames = Float64[np.ndarray, "b 8"]
+Context = Float64[np.ndarray, "b 4"]
+Begin = np.ndarray
 
 
-class FoldedHead(nn.Module):
-    """A `Head` for inference: no dropout."""
-
-    def __init__(self, head: Head, how: "How", branch: int = 0) -> None:
-        super().__init__()
-        self.layers = nn.ModuleList(how.linear(layer, branch) for layer in head.layers)  # type: ignore[arg-type]
-        self.output = how.linear(head.output, dtype=torch.float32, active=False)
-        self.dtype = how.dtype
-        self.dropout = nn.Identity()
-
-    def hidden(self, features: Float[Tensor, "b d_in"], branch: int = 0) -> Float[Tensor, "b d_hidden"]:
-        """Give the features before the last layer."""
-        for layer in self.layers:
-            features = layer(features.to(self.dtype))  # (b, 512), (b, 256)
-        return features.float()
-
-    def forward(self, features: Float[Tensor, "b d_in"], branch: int = 0) -> Float[Tensor, "b d_out"]:
-        """Give the outputs."""
-        return self.output(self.hidden(features, branch))
-
-
-@dataclass(frozen=True)
-class How:
-    """How a network is folded.
+class Encoding(NamedTuple):
+    """What the network knows of one cloud.
 
     Attributes:
-        dtype: of the wide layers, float32 or bfloat16; coordinates, the first layer of points and the last of heads
-            stay in float32.
-        pack: see `products.FoldedLinear`.
+        pose: the object's centre, by T-FineNet, relative to the cloud's own origin, and its heading [m, rad].
+        embedding: of the cloud in the object's axes.
     """
 
-    dtype: torch.dtype = torch.float32
-    pack: bool = True
-
-    def linear(
-        self,
-        layer: NormalisedLinear | nn.Linear,
-        branch: int = 0,
-        dtype: torch.dtype | None = None,
-        active: bool = True,
-    ) -> FoldedLinear:
-        """Fold one layer; see `products.FoldedLinear`."""
-        return FoldedLinear(layer, dtype or self.dtype, branch, active, self.pack)
+    pose: Pose
+    embedding: Stored
 
 
-def fold(network: AlignNet, how: How = How(), branch: int = 0) -> AlignNet:  # noqa: B008 - it is frozen
-    """Make a network of the same answers for inference; the one given stays as it is.
+class Stage:
+    """A `PointEncoder`, with the first layer in float32: bfloat16 knows 4 m to 2 cm only."""
+
+    def __init__(self, encoder: PointEncoder, dtype: torch.dtype, branch: int = 0) -> None:
+        first, *middle, last = encoder.normalised()
+        self.dtype = dtype
+        self.first = _arrays(FoldedLinear(first, torch.float32, branch))
+        self.middle = [FoldedLinear(layer, dtype, branch) for layer in middle]
+        self.last = FoldedLinear(last, dtype, branch)
+        self.bias = _arrays(FoldedLinear(last, torch.float32, branch))[1]
+
+    def pooled(self, points: Points, begin: Begin, frames: Frames, context: Context, first: int) -> Tensor:
+        """Encode clouds in their axes; what they are told beside their points, from `first` on, comes behind that."""
+        rows = len(points) + -len(points) % LIKE_SIZED
+        layer = _empty((rows, len(self.first[1])), self.dtype)
+        inference_kernels.first_layer(points, begin, frames, *self.first, _numbers(layer))
+        for folded in self.middle:
+            layer = folded.forward(layer)  # (n, 128)
+        product = self.last.product(layer)  # (n, d)
+        features = _empty((len(frames), len(self.bias) + context.shape[1] - first), self.dtype)
+        inference_kernels.pool(_numbers(product), begin, self.bias, context, first, _numbers(features))
+        return features
+
+
+class Answering:
+    """A `Head`, but for what its last layer's numbers mean; several last layers lie beside each other."""
+
+    def __init__(self, head: Head, dtype: torch.dtype, branch: int = 0, *beside: nn.Linear) -> None:
+        self.layers = [FoldedLinear(layer, dtype, branch) for layer in head.layers if isinstance(layer, NormalisedLinear)]
+        weights, biases = zip(
+            *(_arrays(FoldedLinear(each, torch.float32)) for each in (head.output, *beside)), strict=True
+        )
+        self.output = np.concatenate(weights, axis=1), np.concatenate(biases)
+
+    def hidden(self, features: Tensor) -> Stored:
+        """Give the features before the last layer."""
+        for folded in self.layers:
+            features = folded.forward(features)  # (b, 512), (b, 256)
+        return _numbers(features)
+
+
+class Inference:
+    """`AlignNet` for arrays.
 
     Args:
-        network: trained.
-        how: in which numbers.
+        network: trained; it stays as it is.
+        dtype: of the wide layers, float32 or bfloat16; coordinates, the first layer of points and the last of heads
+            are in float32 and more.
         branch: whose batch norm, where each cloud of a pair has its own.
     """
-    folded = deepcopy(network).eval().requires_grad_(False)
-    for name in ("coarse", "fine", "embedding"):
-        setattr(folded, name, FoldedPointEncoder(getattr(network.eval(), name), how, branch))
-        if name != "embedding":
-            setattr(folded, f"{name}_head", FoldedHead(getattr(network, f"{name}_head"), how, branch))
-    folded.final_head = FoldedHead(network.final_head, how)  # type: ignore[assignment]
-    if network.precision is not None:
-        folded.precision = how.linear(network.precision, dtype=torch.float32, active=False)  # type: ignore[assignment]
-    return folded
+
+    def __init__(self, network: AlignNet, dtype: torch.dtype = torch.float32, branch: int = 0) -> None:
+        network = network.eval()
+        precision = () if network.precision is None else (network.precision,)
+        self.architecture = network.architecture
+        self.coarse, self.fine = Stage(network.coarse, dtype, branch), Stage(network.fine, dtype, branch)
+        self.embedding = Stage(network.embedding, dtype, branch)
+        self.coarse_head = Answering(network.coarse_head, dtype, branch)
+        self.fine_head = Answering(network.fine_head, dtype, branch)
+        self.final_head = Answering(network.final_head, dtype, 0, *precision)
+
+    @torch.inference_mode()
+    def encode(
+        self,
+        clouds: Sequence[Points],
+        origins: Float64[np.ndarray, "b 3"],
+        sensors: Float64[np.ndarray, "b 2"],
+        max_points: int,
+    ) -> list[Encoding]:
+        """Do all that depends on one cloud only; see `AlignNet.encode`.
+
+        Args:
+            clouds: b of them, of one point at least, in any axes with z up [m].
+            origins: one near each cloud, in the same axes [m].
+            sensors: where each was seen from (x, y), in the same axes [m].
+            max_points: of a cloud that are looked at, evenly out of all.
+        """
+        kept = [thinned(cloud, max_points) for cloud in clouds]
+        begin = np.cumsum([0, *map(len, kept)])
+        points = np.concatenate(kept)
+        frames, context = np.empty((len(kept), FRAME_NUMBERS)), np.empty((len(kept), CONTEXT_NUMBERS))
+        n_seen = np.array([len(cloud) for cloud in clouds])
+        inference_kernels.see(points, begin, sensors, n_seen, self.architecture.view_axes, frames, context)
+        told, all_told = (2, 0) if self.architecture.sensor_context else (CONTEXT_NUMBERS, CONTEXT_NUMBERS)
+        for stage, head in ((self.coarse, self.coarse_head), (self.fine, self.fine_head)):
+            hidden = head.hidden(stage.pooled(points, begin, frames, context, told))  # heads know no direction
+            inference_kernels.move(hidden, *head.output, self.architecture.translation_dims, frames, context)
+        embeddings = _numbers(self.embedding.pooled(points, begin, frames, context, all_told))
+        poses = np.column_stack([frames[:, :3] - origins, frames[:, 5]])
+        return list(map(Encoding, poses, embeddings))
+
+    @torch.inference_mode()
+    def align(self, sources: Sequence[Encoding], targets: Sequence[Encoding], scale: float) -> Answers:
+        """Compare m pairs of encodings, one at least; see `AlignNet.align`.
+
+        Args:
+            sources, targets: the encodings.
+            scale: factor of the covariances, from held-out pairs.
+        """
+        m, a = len(sources), self.architecture
+        both = [each.embedding for pair in zip(sources, targets, strict=True) for each in pair]
+        features = _features(np.concatenate(both).reshape(m, -1))
+        poses = np.array([each.pose for side in (sources, targets) for each in side]).reshape(2, m, -1)
+        motions, covariances = np.empty((m, 7)), np.empty((m, 3, 3))
+        inference_kernels.compare(
+            self.final_head.hidden(features),
+            *self.final_head.output,
+            a.translation_dims,
+            a.composition == "composed",
+            6 if a.covariance else 0,
+            float(scale),
+            *poses,
+            motions,
+            covariances,
+        )
+        return Answers(motions[:, :3], motions[:, 3:6], motions[:, 6], covariances)
 
 
 def best_dtype(precision: str = "auto") -> torch.dtype:
@@ -131,7 +178,7 @@ def best_dtype(precision: str = "auto") -> torch.dtype:
     return torch.bfloat16 if precision == "bfloat16" or (precision == "auto" and has_it) else torch.float32
 
 
-def load(path: Path, precision: str = "auto") -> tuple[list[AlignNet], About]:
+def load(path: Path, precision: str = "auto") -> tuple[list[Inference], About]:
     """Read weights and fold them, once for each file: a network for the source, and one for the target.
 
     They are the same one unless each cloud of a pair has its own batch norm.
@@ -147,27 +194,26 @@ def load(path: Path, precision: str = "auto") -> tuple[list[AlignNet], About]:
 
 
 @lru_cache(maxsize=8)
-def _load(path: Path, written: int, dtype: torch.dtype) -> tuple[list[AlignNet], About]:
+def _load(path: Path, written: int, dtype: torch.dtype) -> tuple[list[Inference], About]:
     network, about = checkpoint.read_weights(path)
     n_branches = 2 if about.architecture.branch_norms else 1
-    return [fold(network, How(dtype), branch) for branch in range(n_branches)], about
+    return [Inference(network, dtype, branch) for branch in range(n_branches)], about
 
 
-def to_rows(encoding: Encoding) -> Rows:
-    """Put all that is known of each cloud into one row of numbers, to be kept and put together anew."""
-    return torch.cat([field.reshape(len(field), -1) for field in encoding], dim=1).numpy()
+def _arrays(layer: FoldedLinear) -> tuple[Float32[np.ndarray, "d_in d_out"], Float32[np.ndarray, " d_out"]]:
+    return np.ascontiguousarray(layer.weight.numpy().T), layer.bias.numpy()
 
 
-def center(row: Row) -> Point:
-    """Read from a row of `to_rows` where T-FineNet believes the object's centre, relative to the cloud's own origin."""
-    found: Point = row[3:6].astype(np.float64)
-    return found
+def _empty(shape: tuple[int, int], dtype: torch.dtype) -> Tensor:
+    return torch.empty(shape, dtype=dtype)
 
 
-def from_rows(rows: Sequence[Row], network: AlignNet) -> Encoding:
-    """Put rows of single clouds together to a batch again; the network is the one that made them."""
-    widths = 3, 3, 1, 2 * network.architecture.n_bins, 1
-    stacked = torch.from_numpy(np.stack(rows))
-    *fields, embedding = stacked.split([*widths, stacked.shape[1] - sum(widths)], dim=1)
-    coarse_center, center, bearing, angle, heading = fields
-    return Encoding(coarse_center, center, bearing[:, 0], angle, heading[:, 0], embedding)
+def _numbers(features: Tensor) -> Stored:
+    """Give the array that a tensor is of: bits of bfloat16, which NumPy does not know, or float32."""
+    return (features.view(torch.int16) if features.dtype is torch.bfloat16 else features).numpy()
+
+
+def _features(numbers: Stored) -> Tensor:
+    """Give the tensor that an array of `_numbers` is."""
+    features = torch.from_numpy(numbers)
+    return features.view(torch.bfloat16) if numbers.dtype == np.int16 else features

@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float64
 from numpy.typing import ArrayLike
 
 from registration.alignnet import answers, checkpoint, inference
 from registration.alignnet.answers import Answers
-from registration.alignnet.inference import Row
-from registration.alignnet.network import AlignNet
-from registration.alignnet.packing import pack
+from registration.alignnet.inference import Encoding, Inference
 from registration.alignnet.timing import PlainWay
 from registration.belief import believe
 from registration.method import PairMethod, check_cloud, nothing_known, one_prior_a_pair
@@ -32,13 +29,12 @@ class Cloud:
     Attributes:
         points: as they came [m].
         centroid: their mean [m]; zero for an empty cloud.
-        rows: what `inference.from_rows` makes encodings of, as a source, and as a target; relative to the centroid;
-            none where there are too few points.
+        encodings: as a source, and as a target, relative to the centroid; none where there are too few points.
     """
 
     points: Points
     centroid: Point
-    rows: tuple[Row, Row] | None
+    encodings: tuple[Encoding, Encoding] | None
 
 
 @dataclass(frozen=True)
@@ -97,9 +93,9 @@ class LearnedRegistration(PairMethod):
         prepared = [Cloud(cloud, cloud.mean(axis=0) if len(cloud) else np.zeros(3), None) for cloud in checked]
         told = [k for k, cloud in enumerate(checked) if len(cloud) >= self.min_points]
         if told:
-            rows = self._encode([prepared[k] for k in told], places[told])
-            for k, known in zip(told, rows, strict=True):
-                prepared[k] = replace(prepared[k], rows=known)
+            encodings = self._encode([prepared[k] for k in told], places[told])
+            for k, known in zip(told, encodings, strict=True):
+                prepared[k] = replace(prepared[k], encodings=known)
         return prepared
 
     def align(
@@ -111,7 +107,7 @@ class LearnedRegistration(PairMethod):
             ValueError: there are priors, but not one a pair.
         """
         priors = one_prior_a_pair(pairs, priors)
-        told = [k for k, pair in enumerate(pairs) if pair[0].rows is not None and pair[1].rows is not None]
+        told = [k for k, pair in enumerate(pairs) if pair[0].encodings and pair[1].encodings]
         answered = {}
         if told:
             found = self._answer([pairs[k] for k in told], [priors[k] for k in told])
@@ -128,7 +124,7 @@ class LearnedRegistration(PairMethod):
     def compare(
         self, pairs: Sequence[tuple[Cloud, Cloud]], turns: Float64[np.ndarray, " n"] | None = None
     ) -> tuple[Answers, Bool[np.ndarray, " n"]]:
-        """Ask the network about pairs of clouds that it has encoded (see `Cloud.rows`), all answers in one piece.
+        """Ask the network about pairs of clouds that it has encoded (see `Cloud.encodings`), all answers in one piece.
 
         Args:
             pairs: n of them, one at least.
@@ -141,15 +137,12 @@ class LearnedRegistration(PairMethod):
             ValueError: a cloud has too few points for it to have been encoded.
         """
         networks, about = self._load()
-        rows = [(source.rows[0], target.rows[1]) for source, target in pairs if source.rows and target.rows]
-        if len(rows) < len(pairs):
+        known = [(a.encodings[0], b.encodings[1]) for a, b in pairs if a.encodings and b.encodings]
+        if len(known) < len(pairs):
             raise ValueError(
-                f"expected clouds of {self.min_points} points or more, got {len(pairs) - len(rows)} smaller"
+                f"expected clouds of {self.min_points} points or more, got {len(pairs) - len(known)} smaller"
             )
-        sources, targets = (inference.from_rows(side, networks[0]) for side in zip(*rows, strict=True))
-        with torch.inference_mode():
-            motion = networks[0].align(sources, targets)
-        found = answers.read(motion, about.architecture.covariance, about.covariance_scale)
+        found = networks[0].align(*zip(*known, strict=True), about.covariance_scale)
         if self.fold_turn:
             expected = np.zeros(len(pairs)) if turns is None else turns
             found = replace(found, turn=answers.nearest_turns(found.turn, expected))
@@ -157,11 +150,7 @@ class LearnedRegistration(PairMethod):
 
     def center(self, cloud: Cloud) -> Point | None:
         """Say where the network believes the object's centre [m]; None where there are too few points to tell."""
-        return None if cloud.rows is None else cloud.centroid + inference.center(cloud.rows[0])
-
-    def network(self) -> AlignNet:
-        """Give the network that encodes sources, folded for inference."""
-        return self._load()[0][0]
+        return cloud.centroid + cloud.encodings[0].pose[:3] if cloud.encodings else None
 
     def plain_way(self) -> PlainWay:
         """Give the same weights run as published, to be timed beside this."""
@@ -171,16 +160,16 @@ class LearnedRegistration(PairMethod):
     def _path(self) -> Path:
         return Path(self.weights) if self.weights else checkpoint.shipped(self.name)
 
-    def _load(self) -> tuple[list[AlignNet], checkpoint.About]:
+    def _load(self) -> tuple[list[Inference], checkpoint.About]:
         return inference.load(self._path, self.precision)
 
-    def _encode(self, clouds: Sequence[Cloud], sensors: Float64[np.ndarray, "b 2"]) -> list[tuple[Row, Row]]:
+    def _encode(
+        self, clouds: Sequence[Cloud], sensors: Float64[np.ndarray, "b 2"]
+    ) -> list[tuple[Encoding, Encoding]]:
         """Encode clouds, seen from (x, y) in their own axes [m]."""
         networks, _ = self._load()
-        origins = [cloud.centroid for cloud in clouds]
-        batch = pack([c.points for c in clouds], origins, sensors - np.stack(origins)[:, :2], self.max_points)
-        with torch.inference_mode():
-            by_branch = [inference.to_rows(network.encode(batch)) for network in networks]
+        points, origins = [cloud.points for cloud in clouds], np.array([cloud.centroid for cloud in clouds])
+        by_branch = [network.encode(points, origins, sensors, self.max_points) for network in networks]
         return list(zip(by_branch[0], by_branch[-1], strict=True))
 
     def _answer(

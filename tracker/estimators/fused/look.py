@@ -32,7 +32,7 @@ class Encoding:
 
     def is_told_by(self, network: Networks) -> bool:
         """Say whether that network made it, and there were points enough for it to tell anything."""
-        return self.network is network and self.cloud.rows is not None
+        return self.network is network and self.cloud.encodings is not None
 
     def center(self) -> Vector | None:
         """Say where the network believes the object's centre (x, y) [m]; None where it cannot tell."""
