@@ -64,53 +64,100 @@ def center(points):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def sort_into_cells(points, cell, max_cells):
-    """Choose the cells and sort a cloud into them: (sorted points, their rows, `first`, `frame`).
+def move_all(points, begin, turns, places, shifts):
+    """Turn clouds about places of their own, counter-clockwise [rad], and shift them (x, y) [m]; in place.
 
-    Cells are cubes of side `cell` [m], or larger ones where those would be more than `max_cells`.
+    Cloud k is rows begin[k] to begin[k + 1] of `points`.
     """
-    frame = _lay_out(points, cell, max_cells)
-    n_x, n_y, n_z = int(frame[4]), int(frame[5]), int(frame[6])
-    first = np.zeros(n_x * n_y * n_z + 1, np.int32)
-    numbers = np.empty(len(points), np.int32)
-    for i in range(len(points)):
-        x = _cell((points[i, 0] - frame[0]) / frame[3], n_x)
-        y = _cell((points[i, 1] - frame[1]) / frame[3], n_y)
-        numbers[i] = (x * n_y + y) * n_z + _cell((points[i, 2] - frame[2]) / frame[3], n_z)
-        first[numbers[i] + 1] += 1
-    for number in range(1, len(first)):
-        first[number] += first[number - 1]
-    taken = first[:-1].copy()
-    in_order, order = np.empty((len(points), 3)), np.empty(len(points), np.int64)
-    for i in range(len(points)):
-        place = taken[numbers[i]]
-        order[place] = i
-        in_order[place, 0], in_order[place, 1], in_order[place, 2] = points[i, 0], points[i, 1], points[i, 2]
-        taken[numbers[i]] += 1
-    return in_order, order, first, frame
+    for k in range(len(begin) - 1):
+        c, s = np.cos(turns[k]), np.sin(turns[k])
+        x, y = places[k, 0], places[k, 1]
+        x_shift, y_shift = x + shifts[k, 0] - (c * x - s * y), y + shifts[k, 1] - (s * x + c * y)
+        for i in range(begin[k], begin[k + 1]):
+            x, y = points[i, 0], points[i, 1]
+            points[i, 0], points[i, 1] = c * x - s * y + x_shift, s * x + c * y + y_shift
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def _lay_out(points, cell, max_cells):
-    frame = np.ones(7)
-    frame[:3] = 0.0
+def center_all(points, begin, means):
+    """Move clouds to their means, in place; `means` becomes these, zero for an empty cloud."""
+    for k in range(len(begin) - 1):
+        a, b = begin[k], begin[k + 1]
+        for axis in range(3):
+            means[k, axis] = 0.0
+            if a < b:
+                origin = points[a, axis]  # sums of small numbers keep their digits where coordinates are kilometres
+                for i in range(a, b):
+                    means[k, axis] += points[i, axis] - origin
+                means[k, axis] = origin + means[k, axis] / (b - a)
+            for i in range(a, b):
+                points[i, axis] -= means[k, axis]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def sort_into_cells(points, begin, cells, most):
+    """Choose the cells of many clouds and sort them into these.
+
+    Args:
+        points: of all clouds (n, 3) [m].
+        begin: cloud k is rows begin[k] to begin[k + 1].
+        cells: cells of cloud k are cubes of side cells[k] [m], or larger ones ...
+        most: ... where those would be more than most[k].
+
+    Returns:
+        the sorted points, their rows in their clouds, `first` and `first_begin` (see `neighbours.Packed`), `frames`.
+    """
+    n_clouds = len(begin) - 1
+    frames, first_begin = np.empty((n_clouds, 7)), np.zeros(n_clouds + 1, np.int64)
+    for k in range(n_clouds):
+        _lay_out(points, begin[k], begin[k + 1], cells[k], most[k], frames, k)
+        first_begin[k + 1] = first_begin[k] + int(frames[k, 4]) * int(frames[k, 5]) * int(frames[k, 6]) + 1
+    first, taken = np.zeros(first_begin[-1], np.int32), np.empty(first_begin[-1], np.int32)
+    numbers = np.empty(len(points), np.int32)
+    in_order, order = np.empty((len(points), 3)), np.empty(len(points), np.int64)
+    for k in range(n_clouds):
+        n_x, n_y, n_z, start = int(frames[k, 4]), int(frames[k, 5]), int(frames[k, 6]), first_begin[k]
+        for i in range(begin[k], begin[k + 1]):
+            x = _cell((points[i, 0] - frames[k, 0]) / frames[k, 3], n_x)
+            y = _cell((points[i, 1] - frames[k, 1]) / frames[k, 3], n_y)
+            numbers[i] = (x * n_y + y) * n_z + _cell((points[i, 2] - frames[k, 2]) / frames[k, 3], n_z)
+            first[start + numbers[i] + 1] += 1
+        taken[start] = 0
+        for number in range(start + 1, first_begin[k + 1]):
+            first[number] += first[number - 1]
+            taken[number] = first[number]
+        for i in range(begin[k], begin[k + 1]):
+            place = begin[k] + taken[start + numbers[i]]
+            order[place] = i - begin[k]
+            in_order[place, 0], in_order[place, 1], in_order[place, 2] = points[i, 0], points[i, 1], points[i, 2]
+            taken[start + numbers[i]] += 1
+    return in_order, order, first, first_begin, frames
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _lay_out(points, begin, end, cell, most, frames, k):  # noqa: PLR0913
+    frame, largest = frames[k], 0.0
+    frame[:3], frame[3:] = 0.0, 1.0
     frame[3] = cell
-    if len(points) == 0:
-        return frame
+    if begin == end:
+        return
     extent = np.zeros(3)
     for axis in range(3):
-        low = high = points[0, axis]
-        for i in range(len(points)):
+        low = high = points[begin, axis]
+        for i in range(begin, end):
             low, high = min(low, points[i, axis]), max(high, points[i, axis])
         frame[axis], extent[axis] = low, high - low
-    if not extent.max() < LARGEST_EXTENT:
-        return frame
+        largest = max(largest, extent[axis]) if extent[axis] == extent[axis] else np.inf
+    if not largest < LARGEST_EXTENT:
+        return
     while True:
         for axis in range(3):
             frame[4 + axis] = np.floor(extent[axis] / frame[3]) + 1.0
-        if frame[4] * frame[5] * frame[6] <= max_cells:
-            return frame
+        if frame[4] * frame[5] * frame[6] <= most:
+            return
         frame[3] *= 1.25
 
 

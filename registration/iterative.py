@@ -4,10 +4,10 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from registration import icp_kernels, neighbours, uncertainty
 from registration.method import PairMethod, nothing_known
@@ -38,6 +38,25 @@ class Cloud:
     centroid: Point
     scatter: tuple[float, float, float]
     grid: Grid
+
+
+class Clouds(NamedTuple):
+    """Many clouds one after the other, each about its own centroid.
+
+    Attributes:
+        points: cloud k is rows begin[k] to begin[k + 1] (n, 3) [m].
+        begin: see there.
+        centroids: of each; zero for an empty one [m].
+    """
+
+    points: Points
+    begin: Int64[np.ndarray, " _"]
+    centroids: Float64[np.ndarray, "k 3"]
+
+    @property
+    def sizes(self) -> Int64[np.ndarray, " k"]:
+        """Give the number of points of each cloud."""
+        return np.diff(self.begin)
 
 
 class BatchMethod(PairMethod):
@@ -74,6 +93,13 @@ def prepare(points: Points, cell: float) -> Cloud:
     offsets = np.array(points, order="C")
     centroid, scatter = icp_kernels.center(offsets) if len(points) else (np.zeros(3), (0.0, 0.0, 0.0))
     return Cloud(points, centroid, scatter, neighbours.build_grid(offsets, cell))
+
+
+def centered(points: Points, begin: Int64[np.ndarray, " _"]) -> Clouds:
+    """Move clouds that lie one after the other to their centroids, in place."""
+    centroids = np.empty((len(begin) - 1, 3))
+    icp_kernels.center_all(points, begin, centroids)
+    return Clouds(points, begin, centroids)
 
 
 def starts(pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]) -> Float64[np.ndarray, "n 3"]:

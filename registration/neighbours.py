@@ -51,9 +51,21 @@ class Packed(NamedTuple):
 
 def build_grid(points: Points, cell: float) -> Grid:
     """Sort a cloud, which may be empty, into cells of side `cell` [m] or, where that makes too many, larger ones."""
-    points = np.ascontiguousarray(points)
-    most = CELLS_PER_POINT * len(points) + CELLS_ANYWAY
-    return Grid(*icp_kernels.sort_into_cells(points, float(cell), most))
+    packed, order = build_grids(np.ascontiguousarray(points), np.array([0, len(points)]), np.array([float(cell)]))
+    return Grid(packed.points, order, packed.first, packed.frames[0])
+
+
+def build_grids(
+    points: Points, begin: Int64[np.ndarray, " _"], cells: Float64[np.ndarray, " _"]
+) -> tuple[Packed, Int64[np.ndarray, " n"]]:
+    """Do `build_grid` for many clouds that lie one after the other already (see `pack_arrays`), each with its own cells.
+
+    Returns:
+        the grids, and which row of its cloud each of their points is.
+    """
+    most = CELLS_PER_POINT * np.diff(begin) + CELLS_ANYWAY
+    in_order, order, first, first_begin, frames = icp_kernels.sort_into_cells(points, begin, cells, most)
+    return Packed(in_order, begin, first, first_begin, frames), order
 
 
 def nearest(grid: Grid, queries: Points, radius: float) -> tuple[Int64[np.ndarray, " q"], Float64[np.ndarray, " q"]]:

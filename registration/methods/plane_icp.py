@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from registration import icp_kernels, iterative, neighbours, uncertainty
-from registration.iterative import BatchMethod, Cloud
+from registration.iterative import BatchMethod, Cloud, Clouds
+from registration.neighbours import Packed
 from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult, Status
 
 # Standard deviation of one plane's distance [m], as if planes were independent: ...
@@ -80,19 +81,36 @@ class PointToPlaneICP(BatchMethod):
 
     def prepare_cloud(self, points: Points) -> Cloud:
         """Sort the points into cells; planes are fitted when they are first asked for."""
-        cell = self.max_distance * min(1.0, (DENSE / max(len(points), 1)) ** 0.5)
-        return iterative.prepare(points, cell)
+        return iterative.prepare(points, float(self._cells(np.array(len(points)))))
+
+    def surfaces(self, clouds: Clouds) -> Packed:
+        """Do `prepare_cloud` for many at once, as `iterate` takes targets."""
+        return neighbours.build_grids(clouds.points, clouds.begin, self._cells(clouds.sizes))[0]
+
+    def _cells(self, n_points: Int64[np.ndarray, "*k"]) -> Float64[np.ndarray, "*k"]:
+        sides: Float64[np.ndarray, "*k"] = self.max_distance * np.minimum(1.0, (DENSE / np.maximum(n_points, 1)) ** 0.5)
+        return sides
 
     def align_batch(
         self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]
     ) -> list[RegistrationResult]:
         """Iterate each pair from its start by damped Gauss-Newton steps."""
         doubts = np.array([_doubt(*pair, prior) for pair, prior in zip(pairs, priors, strict=True)])
-        found = self.iterate(pairs, iterative.starts(pairs, priors), doubts)
-        apart, known = found.apart, np.linalg.inv(doubts)
+        # pairs of one target share its planes, which are fitted where they are needed; on several threads they do not
+        keys = [id(target) if self.threads <= 1 else k for k, (_, target) in enumerate(pairs)]
+        grids = {key: target.grid for key, (_, target) in zip(keys, pairs, strict=True)}
+        numbers = {key: number for number, key in enumerate(grids)}
+        found = self.iterate(
+            *neighbours.pack_arrays([source.grid.points for source, _ in pairs]),
+            neighbours.pack(list(grids.values())),
+            np.array([numbers[key] for key in keys]),
+            iterative.starts(pairs, priors),
+            doubts,
+        )
+        known = found.beliefs.copy()
         for k, ((source, target), prior) in enumerate(zip(pairs, priors, strict=True)):
             if prior is None:
-                known[k] = np.linalg.inv(_centroids_doubt(source, target, apart[k]))
+                known[k] = np.linalg.inv(_centroids_doubt(source, target, found.apart[k]))
         return [
             _result(*each)
             for each in zip(
@@ -107,25 +125,25 @@ class PointToPlaneICP(BatchMethod):
 
     def iterate(
         self,
-        pairs: Sequence[tuple[Cloud, Cloud]],
+        sources: Points,
+        begin: Int64[np.ndarray, " _"],
+        targets: Packed,
+        own: Int64[np.ndarray, " n"],
         starts: Float64[np.ndarray, "n 3"],
         doubts: Float64[np.ndarray, "n 3 3"],
     ) -> "Iterated":
         """Do the work of `align_batch`, for who wants all of its answers in one piece.
 
         Args:
-            pairs: of prepared clouds, one at least.
+            sources: n clouds one after the other, each about its centroid [m].
+            begin: source k is rows begin[k] to begin[k + 1] of these.
+            targets: each about its centroid, see `surfaces`.
+            own: which target is that of each source.
             starts: motions (x, y, yaw) between the clouds about their centroids [m, m, rad].
             doubts: covariances of these.
         """
-        n, motions = len(pairs), starts.copy()
+        n, motions = len(own), starts.copy()
         outcomes, informations, beliefs = np.empty((n, 5)), np.zeros((n, 3, 3)), np.linalg.inv(doubts)
-        sources, begin = neighbours.pack_arrays([source.grid.points for source, _ in pairs])
-        # pairs of one target share its planes, which are fitted where they are needed; on several threads they do not
-        keys = [id(target) if self.threads <= 1 else k for k, (_, target) in enumerate(pairs)]
-        grids = {key: target.grid for key, (_, target) in zip(keys, pairs, strict=True)}
-        numbers = {key: number for number, key in enumerate(grids)}
-        own, targets = np.array([numbers[key] for key in keys]), neighbours.pack(list(grids.values()))
         planes = np.full((len(targets.points), 5), np.nan)
         around = float(self.normal_radius), self.normal_neighbours, self.line_neighbours
         neighbours.share_out(
@@ -136,8 +154,8 @@ class PointToPlaneICP(BatchMethod):
             n,
             self.threads,
         )  # fmt: skip
-        sizes = np.array([(len(source.points), len(target.points)) for source, target in pairs])
-        return Iterated(motions, outcomes, informations, sizes, self.noise)
+        sizes = np.column_stack([np.diff(begin), np.diff(targets.points_begin)[own]])
+        return Iterated(motions, outcomes, informations, beliefs, sizes, self.noise)
 
     def _limits(self) -> tuple[float, int, float, int, float, float, float, float, float]:
         pairs = float(self.noise), float(self.patch_share) ** -2, float(self.robust_scale)
@@ -153,6 +171,7 @@ class Iterated:
         motions: (x, y, yaw) between the clouds about their centroids (n, 3) [m, m, rad].
         outcomes: see `icp_kernels.point_to_plane` (n, 5).
         informations: what the planes alone say of the motions, as inverse covariances (n, 3, 3).
+        beliefs: inverse covariances of the starts (n, 3, 3).
         sizes: points of both clouds (n, 2).
         noise: of a point's distance to its plane, by these [m].
     """
@@ -160,6 +179,7 @@ class Iterated:
     motions: Float64[np.ndarray, "n 3"]
     outcomes: Float64[np.ndarray, "n 5"]
     informations: Float64[np.ndarray, "n 3 3"]
+    beliefs: Float64[np.ndarray, "n 3 3"]
     sizes: Int64[np.ndarray, "n 2"]
     noise: float
 
@@ -181,7 +201,7 @@ class Iterated:
         parts of the object, the planes' also where points are few and where the iterations did not settle.
 
         Args:
-            known: inverse covariances of the starts.
+            known: inverse covariances of the starts, as they are taken afterwards.
         """
         fewest = np.maximum(self.sizes.min(axis=1), 1)
         variances = PLANE_SHARED**2 * self.outcomes[:, 1] + PLANE_SAMPLING**2 / fewest + PLANE_APART**2 * self.apart**2

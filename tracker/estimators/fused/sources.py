@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from registration import planar, se3, uncertainty
+from registration import icp_kernels, iterative, neighbours, planar, se3, uncertainty
 from registration.alignnet.method import AlignNetCars, AlignNetPersons
-from registration.iterative import Cloud
 from registration.methods.adh import AnnealedHistograms3D
 from registration.methods.plane_icp import ROUNDING, PointToPlaneICP
 from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult
@@ -131,13 +130,8 @@ class Shape:
             chosen[:2, :2] = laid.covariances[k] if is_sure[k] else chosen[:2, :2]
             chosen[2, 2] = laid.turn_variances[k]
             covariances[k] = chosen
-        surfaces = self._planes.prepare([look.points for look in newer])
-        sources = self._planes.prepare(
-            [laid.moved(k, thinned(look.points, SHAPE_POINTS)) for k, look in enumerate(laid.earlier)]
-        )
-        pairs = [(a, surfaces[number]) for a, number in zip(sources, laid.newer, strict=True)]
         at = laid.places + laid.shifts
-        is_refined, (turns, steps, known) = _refined(self._planes, pairs, means, covariances, at)
+        is_refined, (turns, steps, known) = _refined(self._planes, laid, newer, means, covariances)
         is_told = is_refined.copy()
         for k in set(np.flatnonzero(~is_refined).tolist()) & found.keys():  # what was found before
             turns[k], steps[k], known[k] = _about(found[k], at[k])
@@ -185,27 +179,33 @@ def _doubts(laid: Laid, targets: Sequence[Look]) -> PlanarCovariances:
 
 def _refined(
     planes: PointToPlaneICP,
-    pairs: Sequence[tuple[Cloud, Cloud]],
+    laid: Laid,
+    newer: Sequence[Look],
     means: Float64[np.ndarray, "m 3"],
     covariances: PlanarCovariances,
-    at: Vectors,
 ) -> tuple[Bool[np.ndarray, " m"], Moved]:
     """Refine motions by planes; say where these had a say, and what they tell of places in the earlier clouds.
 
     Args:
         planes: how.
-        pairs: of clouds.
-        means: of what is believed of the motions, about the clouds' centroids.
+        laid: what is laid on what.
+        newer: looks.
+        means: of what is believed of the motions beside those expected, about the clouds' centroids.
         covariances: of that.
-        at: the places.
     """
-    starts, doubts = means.copy(), covariances + ROUNDING * np.eye(3)
-    sources, targets = (np.array([pair[side].centroid[:2] for pair in pairs]) for side in (0, 1))
-    starts[:, :2] -= targets - sources
-    found = planes.iterate(pairs, starts, doubts)
-    arms, turns = at - sources, found.motions[:, 2]
-    steps = targets + found.motions[:, :2] + planar.rotate_all(arms, turns) - at
-    about = planar.transport_covariances(found.covariances(np.linalg.inv(doubts)), np.zeros(len(arms)), arms)
+    own, starts, doubts = np.array(laid.newer), means.copy(), covariances + ROUNDING * np.eye(3)
+    points, begin = neighbours.pack_arrays([thinned(look.points, SHAPE_POINTS) for look in laid.earlier])
+    points = points.copy() if len(own) == 1 else points
+    icp_kernels.move_all(points, begin, laid.turns, laid.places, laid.shifts)
+    sources = iterative.centered(points, begin)
+    points, begin = neighbours.pack_arrays([look.points for look in newer])
+    surfaces = iterative.centered(points.copy() if len(newer) == 1 else points, begin)
+    starting, arriving = sources.centroids[:, :2], surfaces.centroids[own, :2]
+    starts[:, :2] -= arriving - starting
+    found = planes.iterate(sources.points, sources.begin, planes.surfaces(surfaces), own, starts, doubts)
+    arms, turns = laid.places + laid.shifts - starting, found.motions[:, 2]
+    steps = arriving - starting + found.motions[:, :2] + planar.rotate_all(arms, turns) - arms
+    about = planar.transport_covariances(found.covariances(found.beliefs), np.zeros(len(arms)), arms)
     return found.is_found, (turns, steps, about)
 
 
