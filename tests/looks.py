@@ -16,7 +16,7 @@ def kept(points, encoding, lags=None):
     """Make a look, of a raw sweep where it is said how much later than the sensor's head each point was passed."""
     sighting = look(replace(segment(points, 1), is_swept=lags is not None), None, undoes_sweep=True)
     sensor = Sensor(np.zeros(2), 0.0)
-    found = looked_at(sighting, sensor, encoding, knows_lasers=False)
+    (found,) = looked_at([sighting], sensor, [encoding], knows_lasers=False)
     return replace(found, points=points, passed=None if lags is None else sensor.delays(points[:, :2], lags))
 
 

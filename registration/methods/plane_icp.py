@@ -81,14 +81,14 @@ class PointToPlaneICP(BatchMethod):
 
     def prepare_cloud(self, points: Points) -> Cloud:
         """Sort the points into cells; planes are fitted when they are first asked for."""
-        return iterative.prepare(points, float(self._cells(np.array(len(points)))))
+        return iterative.prepare(points, float(self._cells(np.array([len(points)]))[0]))
 
     def surfaces(self, clouds: Clouds) -> Packed:
         """Do `prepare_cloud` for many at once, as `iterate` takes targets."""
         return neighbours.build_grids(clouds.points, clouds.begin, self._cells(clouds.sizes))[0]
 
-    def _cells(self, n_points: Int64[np.ndarray, "*k"]) -> Float64[np.ndarray, "*k"]:
-        sides: Float64[np.ndarray, "*k"] = self.max_distance * np.minimum(1.0, (DENSE / np.maximum(n_points, 1)) ** 0.5)
+    def _cells(self, n_points: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+        sides: Float64[np.ndarray, " k"] = self.max_distance * np.minimum(1.0, (DENSE / np.maximum(n_points, 1)) ** 0.5)
         return sides
 
     def align_batch(

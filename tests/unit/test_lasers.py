@@ -18,18 +18,20 @@ def test_a_point_tells_its_laser_and_when_it_fired(sweep):
     assert np.abs(off).max() < np.deg2rad(0.01)
     x, y, _ = sweep.points_lidar.T
     in_front = np.abs(np.arctan2(y, x)) < 2.8  # lasers that look past the cut fire half a turn before or after
-    times = -np.arctan2(y, x) / (2.0 * np.pi) * HDL_64E_KITTI.period + firing_lags(sweep.points_lidar, HDL_64E_KITTI)
+    times = -np.arctan2(y, x) / (2.0 * np.pi) * HDL_64E_KITTI.period + firing_lags([sweep.points_lidar], HDL_64E_KITTI)[0]
     np.testing.assert_allclose(times[in_front], sweep.time[in_front], atol=1e-6)
-    assert np.ptp(firing_lags(sweep.points_lidar, HDL_64E_KITTI)) > 4e-3
+    assert np.ptp(firing_lags([sweep.points_lidar], HDL_64E_KITTI)[0]) > 4e-3
 
 
 def test_points_that_lie_on_no_rings_of_a_sensor_have_no_lags(sweep):
     foreign = scan([], VLP_16, np.random.default_rng(0), level_ground(VLP_16)).points_lidar
-    assert firing_lags(foreign, HDL_64E_KITTI) is None
-    assert np.abs(firing_lags(foreign, VLP_16)).max() < 1e-4
+    own, other = firing_lags([sweep.points_lidar[:100], foreign], HDL_64E_KITTI)
+    assert other is None
+    np.testing.assert_array_equal(own, firing_lags([sweep.points_lidar], HDL_64E_KITTI)[0][:100])
+    assert np.abs(firing_lags([foreign], VLP_16)[0]).max() < 1e-4
     noisy = sweep.points_lidar + np.random.default_rng(1).normal(0.0, 0.05, sweep.points_lidar.shape)
-    assert firing_lags(noisy, HDL_64E_KITTI) is None
-    assert len(firing_lags(np.empty((0, 3)), HDL_64E_KITTI)) == 0
+    assert firing_lags([noisy], HDL_64E_KITTI) == [None]
+    assert len(firing_lags([np.empty((0, 3))], HDL_64E_KITTI)[0]) == 0
 
 
 def test_offsets_of_lasers_are_found_from_single_steps_of_the_encoder():

@@ -1,5 +1,7 @@
 """Which laser of a spinning sensor saw a point, and how much later it did so than the sensor's head pointed there."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float64, Int64
 
@@ -28,21 +30,23 @@ def ring_of(points_lidar: Points, beam_model: BeamModel) -> tuple[Int64[np.ndarr
     return ring, np.arctan2(z - heights[ring], r) - beam_model.elevations[ring]
 
 
-def firing_lags(points_lidar: Points, beam_model: BeamModel) -> Float64[np.ndarray, " n"] | None:
+def firing_lags(clouds: Sequence[Points], beam_model: BeamModel) -> list[Float64[np.ndarray, " _"] | None]:
     """Give how much later each point was seen than the sensor's head pointed to its azimuth [s].
 
-    Lasers that fire together look to different sides: those of an HDL-64E are up to 18 degrees apart, 5 ms.  None where
-    the points do not lie on the sensor's rings: they are another one's.
+    Lasers that fire together look to different sides: those of an HDL-64E are up to 18 degrees apart, 5 ms.
 
     Args:
-        points_lidar: as they were seen, in the sensor's axes (n, 3) [m].
+        clouds: one at least, as they were seen, in the sensor's axes, (n, 3) each [m].
         beam_model: the sensor.
+
+    Returns:
+        (n) for each cloud; None where its points do not lie on the sensor's rings: they are another one's.
     """
-    ring, off = ring_of(points_lidar, beam_model)
-    if np.count_nonzero(np.abs(off) < ON_RING) < LEAST_SHARE * len(ring):
-        return None
+    ring, off = ring_of(np.concatenate(clouds), beam_model)
     sense = 1.0 if beam_model.turn is Turn.CLOCKWISE else -1.0
-    lags: Float64[np.ndarray, " n"] = (
-        sense * beam_model.period / (2.0 * np.pi) * beam_model.per_beam("azimuth_offsets")[ring]
-    )
-    return lags
+    lags = (sense * beam_model.period / (2.0 * np.pi) * beam_model.per_beam("azimuth_offsets"))[ring]
+    is_on, ends, found = np.abs(off) < ON_RING, np.cumsum([len(cloud) for cloud in clouds]), []
+    for cloud, end in zip(clouds, ends.tolist(), strict=True):
+        own = slice(end - len(cloud), end)
+        found.append(lags[own] if np.count_nonzero(is_on[own]) >= LEAST_SHARE * len(cloud) else None)
+    return found

@@ -17,7 +17,7 @@ from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.solving import solve
 from tracker.estimators.fused.sources import PLANES, Evidence, Laid, Learned, Shape
 from tracker.estimators.fused.steps import Steps
-from tracker.estimators.fused.track import Track
+from tracker.estimators.fused.track import Track, note_met, straightened
 from tracker.estimators.fused.window import MotionModel
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
@@ -162,7 +162,7 @@ class FusedEstimator(FrameEstimator):
             track.advance(look, self._axes, pose_turn_sd)
         told = self._ask(tracks, looks)
         if self.settings.undoes_sweep:
-            looks = [track.straighten(look) for track, look in zip(tracks, looks, strict=True)]
+            looks = straightened(tracks, looks)
         told |= self._compare_shapes(tracks, looks)
         solve([track.turn for track in tracks])
         for track, look in zip(tracks, looks, strict=True):
@@ -171,7 +171,7 @@ class FusedEstimator(FrameEstimator):
             track.looks.append(look)
             if self.settings.refers_to_center:
                 track.refer_to_center()
-            track.note_met()
+        note_met(tracks)
         self._start_tracks(sightings, new)
         return _measurements(list(known), self._steps(tracks, next(iter(sightings.values()))), told)
 
@@ -205,11 +205,9 @@ class FusedEstimator(FrameEstimator):
         return now
 
     def _look(self, sightings: Mapping[int, Sighting], sensor: Sensor) -> dict[int, Look]:
-        encoded = self._learned.encode(list(sightings.values()))
-        return {
-            key: looked_at(sighting, sensor, learned, self.settings.knows_lasers)
-            for (key, sighting), learned in zip(sightings.items(), encoded, strict=True)
-        }
+        seen = list(sightings.values())
+        looks = looked_at(seen, sensor, self._learned.encode(seen), self.settings.knows_lasers)
+        return dict(zip(sightings, looks, strict=True))
 
     def _ask(self, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
         """Hear the network's opinions of objects; give the numbers of those of which it has one."""
@@ -306,7 +304,7 @@ class FusedEstimator(FrameEstimator):
             self._tracks[key] = Track.start(models, new[key], self._axes)
             if own.refers_to_center:
                 self._tracks[key].refer_to_center()
-            self._tracks[key].note_met()
+            note_met([self._tracks[key]])
 
 
 def _measurements(keys: Sequence[int], found: Steps, measured: Set[int]) -> dict[int, Measurement]:

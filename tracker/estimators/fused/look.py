@@ -1,12 +1,15 @@
 """What is kept of one look at an object."""
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
 from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
+from registration.neighbours import pack_arrays
 from registration.synthetic.lidar import beam_model, firing_lags
 from registration.types import Points
 from tracker.estimators.contract import Sighting
@@ -61,7 +64,7 @@ class Look:
         delay: how long after the time of the frame that was [s]; 0 where all points are of one instant.
         clock: time that velocities count by [s]: that of the frame, or of the look where they are to be over that.
         is_torn: a part was seen at the end of the sweep, and the rest at its start.
-        late: how long after what the clock tells the beams met the object's centre [s]; see `Track.note_met`.
+        late: how long after what the clock tells the beams met the object's centre [s]; see `track.note_met`.
         past_end: how far that is past the direction in which sweeps end [m]; NaN where that does not matter.
     """
 
@@ -91,7 +94,7 @@ class Look:
         """
         if self.passed is None:
             return self
-        shift = self.delay * sensor.carried(self.middle)
+        shift = self.delay * sensor.carried(self.middle[None])[0]
         points = self.points.copy()
         points[:, :2] += shift - self.shift
         return replace(self, points=points, sensor=sensor, shift=shift)
@@ -111,48 +114,80 @@ class Look:
         return replace(self, points=points, passed=None)
 
 
-def looked_at(sighting: Sighting, sensor: Sensor, learned: Encoding, knows_lasers: bool) -> Look:
-    """Make a look of what is seen of an object.
+def looked_at(
+    sightings: Sequence[Sighting], sensor: Sensor, learned: Sequence[Encoding], knows_lasers: bool
+) -> list[Look]:
+    """Make looks of what is seen of a frame's objects.
 
     Args:
-        sighting: of it.
-        sensor: that saw it.
-        learned: what the network makes of it.
+        sightings: one at least; either all are of a raw sweep, or none is.
+        sensor: that saw them.
+        learned: what the network makes of each.
         knows_lasers: whether it is known when each laser fires, if it is known which sensor's they are.
     """
-    points, middle, delay, is_torn = thinned(sighting.points), sighting.midpoint[:2], 0.0, False
-    passed, is_timed, time = None, True, sighting.timestamp
-    if sighting.is_swept:
-        lags, is_timed = _timing(sighting, knows_lasers)
-        delay = float(sensor.delays(middle[None])[0])
-        passed = sensor.delays(points[:, :2], lags)
-        is_torn = bool(np.ptp(passed) > 0.5 * SWEEP.period)
-        time = sighting.frame_timestamp + delay
-    look = Look(
-        points=points,
-        n_points=len(sighting.points),
-        n_from_1m=len(sighting.points) * sighting.range_m**2,
-        middle=middle,
-        sensor=sensor,
-        shift=np.zeros(2),
-        passed=passed,
-        is_timed=is_timed,
-        learned=learned,
-        frame=sighting.frame,
-        time=time,
-        delay=delay,
-        clock=time if sighting.is_timed_by_look else sighting.timestamp,
-        is_torn=is_torn,
-    )
-    return look.seen_by(sensor)
+    clouds = [thinned(sighting.points) for sighting in sightings]
+    met = _met(sightings, clouds, sensor, knows_lasers) if sightings[0].is_swept else map(_at_once, clouds)
+    return [
+        Look(
+            points=each.points,
+            n_points=len(sighting.points),
+            n_from_1m=len(sighting.points) * sighting.range_m**2,
+            middle=sighting.midpoint[:2],
+            sensor=sensor,
+            shift=each.shift,
+            passed=each.passed,
+            is_timed=each.is_timed,
+            learned=encoding,
+            frame=sighting.frame,
+            time=(time := sighting.timestamp if each.passed is None else sighting.frame_timestamp + each.delay),
+            delay=each.delay,
+            clock=time if sighting.is_timed_by_look else sighting.timestamp,
+            is_torn=each.is_torn,
+        )
+        for sighting, encoding, each in zip(sightings, learned, met, strict=True)
+    ]
 
 
-def _timing(sighting: Sighting, knows_lasers: bool) -> tuple[Float64[np.ndarray, " n"], bool]:
-    """Give how much later than the sensor's head each laser fired, and `Look.is_timed`; unknown lasers have no lags."""
-    points_lidar = thinned(sighting.points_lidar)
-    lasers = sighting.lasers if knows_lasers else None
-    lags = None if lasers is None else firing_lags(points_lidar, beam_model(lasers))
-    return np.zeros(len(points_lidar)) if lags is None else lags, lags is not None
+class _Met(NamedTuple):
+    """Where and when the beams met the points of a look; see `Look`."""
+
+    points: Points
+    shift: Vector
+    passed: Float64[np.ndarray, " n"] | None
+    is_timed: bool
+    delay: float
+    is_torn: bool
+
+
+def _at_once(points: Points) -> _Met:
+    return _Met(points, np.zeros(2), None, True, 0.0, False)
+
+
+def _met(
+    sightings: Sequence[Sighting], clouds: Sequence[Points], sensor: Sensor, knows_lasers: bool
+) -> Iterator[_Met]:
+    """Put points of a raw sweep to where the beams met them."""
+    points, begin = pack_arrays(clouds)
+    lags = _lags(sightings, knows_lasers)
+    known = [np.zeros(len(cloud)) if own is None else own for own, cloud in zip(lags, clouds, strict=True)]
+    passed = sensor.delays(points[:, :2], np.concatenate(known))
+    middles = np.array([sighting.midpoint[:2] for sighting in sightings])
+    delays = sensor.delays(middles)
+    shifts = delays[:, None] * sensor.carried(middles)
+    moved = points.copy()
+    moved[:, :2] += np.repeat(shifts, np.diff(begin), axis=0)
+    took = np.maximum.reduceat(passed, begin[:-1]) - np.minimum.reduceat(passed, begin[:-1])
+    for k, (a, b, delay) in enumerate(zip(begin[:-1], begin[1:], delays.tolist(), strict=True)):
+        is_torn = bool(took[k] > 0.5 * SWEEP.period)
+        yield _Met(moved[a:b], shifts[k], passed[a:b], lags[k] is not None, delay, is_torn)
+
+
+def _lags(sightings: Sequence[Sighting], knows_lasers: bool) -> list[Float64[np.ndarray, " _"] | None]:
+    """Give how much later than the sensor's head each laser fired; None where nobody knows."""
+    lasers = sightings[0].lasers if knows_lasers else None  # those of a frame are one sensor's
+    if lasers is None:
+        return [None] * len(sightings)
+    return firing_lags([thinned(sighting.points_lidar) for sighting in sightings], beam_model(lasers))
 
 
 def thinned(points: Points, most: int = KEPT_POINTS) -> Points:

@@ -43,10 +43,10 @@ class Sensor:
     def _with(self, velocity: Vector, rate: float) -> "Sensor":
         return replace(self, velocity=velocity, rate=rate, is_moving=True)
 
-    def carried(self, place: Vector) -> Vector:
-        """Give the velocity that a place would have if the sensor took it along [m/s]."""
-        x, y = (place - self.place).tolist()
-        return self.velocity + np.array([-self.rate * y, self.rate * x])
+    def carried(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+        """Give the velocities that places would have if the sensor took them along [m/s]."""
+        found: Float64[np.ndarray, "n 2"] = (places - self.place)[:, ::-1] * [-self.rate, self.rate] + self.velocity
+        return found
 
     def delays(
         self, places: Float64[np.ndarray, "n 2"], lags: Float64[np.ndarray, " n"] | float = 0.0

@@ -1,5 +1,6 @@
 """One object: its window of places, that of its heading, and the looks that belong to their frames."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -72,19 +73,6 @@ class Track:
         if turn is not None:
             self.turn.take(lag, turn)
 
-    def straighten(self, new: Look) -> Look:
-        """Undo the motion during the sweep in the new look, and in the first one, whose motion was not known.
-
-        Where nothing is known of the motion, nothing is undone.
-        """
-        before = self.looks[-1]
-        if not self.place.comparisons or (new.passed is None and before.passed is None):
-            return new
-        velocity = (self.place.at(-1) - self.place.at(-2)) / (self.place.times[-1] - self.place.times[-2])
-        velocity = velocity - new.sensor.carried(self.center_at(-1))
-        self.looks[-1] = before.straightened(velocity)
-        return new.straightened(velocity)
-
     def refer_to_center(self) -> None:
         """Let the network's opinion of the latest look count for where the centre is."""
         center = self.looks[-1].learned.center()
@@ -94,20 +82,46 @@ class Track:
             self.n_centers = min(self.n_centers + 1, MOST_CENTERS)
             self.center = self.center + (own - self.center) / self.n_centers
 
-    def note_met(self) -> None:
-        """Note when the beams met the object's centre in the latest look, where velocities count by another time.
-
-        Labels lie where the beams met the objects, so from frame to frame they move by what the object does between
-        those moments, which for what passes by at 30 m/s and 4 m are a tenth less (or, on the right, more) than a frame
-        apart.
-        """
-        look = self.looks[-1]
-        if look.clock != look.time:
-            center = self.center_at(-1) - look.shift
-            late = float(look.sensor.delays(center[None])[0])
-            self.looks[-1] = replace(look, late=late, past_end=look.sensor.past_end(center))
-
     def center_at(self, i: int) -> Vector:
         """Give the object's centre at frame i [m]."""
         found: Vector = self.place.state[i, 0] + planar.rotation(float(self.turn.state[i, 0, 0])) @ self.center
         return found
+
+
+def straightened(tracks: Sequence[Track], new: Sequence[Look]) -> list[Look]:
+    """Undo the motion of objects during the sweep in new looks, and in first ones, whose motion was not known.
+
+    Where nothing is known of the motion, nothing is undone.
+    """
+    looks = list(new)
+    known = [
+        k
+        for k, (track, look) in enumerate(zip(tracks, new, strict=True))
+        if track.place.comparisons and (look.passed is not None or track.looks[-1].passed is not None)
+    ]
+    if not known:
+        return looks
+    places = np.array([tracks[k].place.state[-2:, 0] for k in known])
+    seconds = np.array([tracks[k].place.times[-1] - tracks[k].place.times[-2] for k in known])
+    velocities = (places[:, 1] - places[:, 0]) / seconds[:, None]
+    velocities = velocities - new[0].sensor.carried(np.array([tracks[k].center_at(-1) for k in known]))
+    for k, velocity in zip(known, velocities, strict=True):
+        tracks[k].looks[-1] = tracks[k].looks[-1].straightened(velocity)
+        looks[k] = new[k].straightened(velocity)
+    return looks
+
+
+def note_met(tracks: Sequence[Track]) -> None:
+    """Note when the beams met the objects' centres in their latest looks, where velocities count by another time.
+
+    Labels lie where the beams met the objects, so from frame to frame they move by what the object does between
+    those moments, which for what passes by at 30 m/s and 4 m are a tenth less (or, on the right, more) than a frame
+    apart.
+    """
+    tracks = [track for track in tracks if track.looks[-1].clock != track.looks[-1].time]
+    if not tracks:
+        return
+    sensor, looks = tracks[0].looks[-1].sensor, [track.looks[-1] for track in tracks]
+    centers = np.array([track.center_at(-1) - look.shift for track, look in zip(tracks, looks, strict=True)])
+    for track, look, center, late in zip(tracks, looks, centers, sensor.delays(centers).tolist(), strict=True):
+        track.looks[-1] = replace(look, late=late, past_end=sensor.past_end(center))
