@@ -90,13 +90,21 @@ class LearnedRegistration(PairMethod):
             places = places.reshape(0, 2)
         if places.shape != (len(checked), 2):
             raise ValueError(f"expected the sensor's (x, y) for each of {len(checked)} clouds, got {places.shape}")
-        prepared = [Cloud(cloud, cloud.mean(axis=0) if len(cloud) else np.zeros(3), None) for cloud in checked]
-        told = [k for k, cloud in enumerate(checked) if len(cloud) >= self.min_points]
+        means = np.array([cloud.mean(axis=0) if len(cloud) else np.zeros(3) for cloud in checked]).reshape(-1, 3)
+        return self.encode(checked, means, places)
+
+    def encode(
+        self, clouds: Sequence[Points], means: Float64[np.ndarray, "b 3"], sensors: Float64[np.ndarray, "b 2"]
+    ) -> list[Cloud]:
+        """Do `prepare` for clouds that are known to be arrays of finite numbers, and whose means are known [m]."""
+        told = [k for k, cloud in enumerate(clouds) if len(cloud) >= self.min_points]
+        encodings: list[tuple[Encoding, Encoding] | None] = [None] * len(clouds)
         if told:
-            encodings = self._encode([prepared[k] for k in told], places[told])
-            for k, known in zip(told, encodings, strict=True):
-                prepared[k] = replace(prepared[k], encodings=known)
-        return prepared
+            own, (networks, _) = [clouds[k] for k in told], self._load()
+            by_branch = [network.encode(own, means[told], sensors[told], self.max_points) for network in networks]
+            for k, source, target in zip(told, by_branch[0], by_branch[-1], strict=True):
+                encodings[k] = source, target
+        return list(map(Cloud, clouds, means, encodings))
 
     def align(
         self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None] | None = None
@@ -162,15 +170,6 @@ class LearnedRegistration(PairMethod):
 
     def _load(self) -> tuple[list[Inference], checkpoint.About]:
         return inference.load(self._path, self.precision)
-
-    def _encode(
-        self, clouds: Sequence[Cloud], sensors: Float64[np.ndarray, "b 2"]
-    ) -> list[tuple[Encoding, Encoding]]:
-        """Encode clouds, seen from (x, y) in their own axes [m]."""
-        networks, _ = self._load()
-        points, origins = [cloud.points for cloud in clouds], np.array([cloud.centroid for cloud in clouds])
-        by_branch = [network.encode(points, origins, sensors, self.max_points) for network in networks]
-        return list(zip(by_branch[0], by_branch[-1], strict=True))
 
     def _answer(
         self, pairs: Sequence[tuple[Cloud, Cloud]], priors: Sequence[MotionPrior | None]

@@ -116,13 +116,13 @@ def look(segment: Segment, T_world_lidar: Transform | None, undoes_sweep: bool =
     if segment.sweep is not None and not is_swept:
         points_lidar = moved_to_one_instant(points_lidar, segment.sweep, segment.seen_after)
     points = se3.transform(T, points_lidar) - [0.0, 0.0, _ground_z(segment, T_world_lidar)]
-    # column by column: over rows of three NumPy takes up to fifteen times as long
-    midpoint = np.array([0.5 * (column.min() + column.max()) for column in points.T])
+    columns = np.ascontiguousarray(points.T)  # over rows of three NumPy takes up to fifteen times as long
+    midpoint = 0.5 * (columns.min(axis=1) + columns.max(axis=1))
     sensor = T[:2, 3].copy()
     return Sighting(
         class_name=segment.class_name,
         points=points,
-        centroid=points.mean(axis=0),
+        centroid=columns.mean(axis=1),
         midpoint=midpoint,
         timestamp=segment.timestamp,
         frame_timestamp=segment.timestamp - segment.seen_after,

@@ -234,7 +234,8 @@ class Learned:
         found: dict[int, Encoding] = {}
         for network in {id(network): network for network in networks}.values():
             own = [k for k, other in enumerate(networks) if other is network]
-            clouds = network.prepare([sightings[k].points for k in own], [sightings[k].sensor for k in own])
+            means, sensors = (np.array([getattr(sightings[k], name) for k in own]) for name in ("centroid", "sensor"))
+            clouds = network.encode([sightings[k].points for k in own], means, sensors)
             found.update((k, Encoding(network, cloud)) for k, cloud in zip(own, clouds, strict=True))
         return [found[k] for k in range(len(sightings))]
 
