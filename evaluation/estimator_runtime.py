@@ -1,5 +1,6 @@
 """What a velocity costs: estimators step through sequences, and Open3D's ICP takes its turn in every frame."""
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -98,6 +99,7 @@ def time_estimators(
     check_list("estimators", names)
     icp = PairByPair(load_open3d("the comparison with Open3D's ICP"))
     efforts: dict[str, list[Effort]] = {name: [] for name in (*names, PEER)}
+    gc.collect()  # what loading libraries leaves behind is on nobody's bill; what estimators do is
     for store in stores:
         _time_sequence(store, classes, seed, icp, efforts, progress)
     if not efforts[PEER]:

@@ -54,38 +54,61 @@ class Stage:
     def __init__(self, encoder: PointEncoder, dtype: torch.dtype, branch: int = 0) -> None:
         first, *middle, last = encoder.normalised()
         self.dtype = dtype
-        self.first = _arrays(FoldedLinear(first, torch.float32, branch))
+        self.first = _arrays(FoldedLinear(first, torch.float32, branch, pack=False))
         self.middle = [FoldedLinear(layer, dtype, branch) for layer in middle]
         self.last = FoldedLinear(last, dtype, branch)
-        self.bias = _arrays(FoldedLinear(last, torch.float32, branch))[1]
+        self.bias = _arrays(FoldedLinear(last, torch.float32, branch, pack=False))[1]
 
     def pooled(self, points: Points, begin: Begin, frames: Frames, context: Context, first: int) -> Tensor:
         """Encode clouds in their axes; what they are told beside their points, from `first` on, comes behind that."""
         rows = len(points) + -len(points) % LIKE_SIZED
-        layer = _empty((rows, len(self.first[1])), self.dtype)
+        layer = torch.empty((rows, len(self.first[1])), dtype=self.dtype)
         inference_kernels.first_layer(points, begin, frames, *self.first, _numbers(layer))
         for folded in self.middle:
             layer = folded.forward(layer)  # (n, 128)
         product = self.last.product(layer)  # (n, d)
-        features = _empty((len(frames), len(self.bias) + context.shape[1] - first), self.dtype)
+        features = torch.empty((len(frames), len(self.bias) + context.shape[1] - first), dtype=self.dtype)
         inference_kernels.pool(_numbers(product), begin, self.bias, context, first, _numbers(features))
         return features
+
+
+class Dense:
+    """A layer of a head that sees one row a cloud: few of them, for which a compiled loop is faster than oneDNN."""
+
+    def __init__(self, layer: NormalisedLinear, dtype: torch.dtype, branch: int = 0) -> None:
+        self.dtype = dtype
+        self.weight = np.ascontiguousarray(_numbers(FoldedLinear(layer, dtype, branch, pack=False).weight).T)
+        self.bias = _arrays(FoldedLinear(layer, torch.float32, branch, pack=False))[1]
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map and rectify a batch."""
+        found = torch.empty((len(features), len(self.bias)), dtype=self.dtype)
+        inference_kernels.dense(_numbers(features), self.weight, self.bias, _numbers(found))
+        return found
 
 
 class Answering:
     """A `Head`, but for what its last layer's numbers mean; several last layers lie beside each other."""
 
-    def __init__(self, head: Head, dtype: torch.dtype, branch: int = 0, *beside: nn.Linear) -> None:
-        self.layers = [FoldedLinear(layer, dtype, branch) for layer in head.layers if isinstance(layer, NormalisedLinear)]
-        weights, biases = zip(
-            *(_arrays(FoldedLinear(each, torch.float32)) for each in (head.output, *beside)), strict=True
-        )
+    def __init__(self, layers: Sequence[Dense | FoldedLinear], *outputs: nn.Linear) -> None:
+        self.layers = layers
+        weights, biases = zip(*(_arrays(FoldedLinear(each, torch.float32, pack=False)) for each in outputs), strict=True)
         self.output = np.concatenate(weights, axis=1), np.concatenate(biases)
+
+    @classmethod
+    def of_clouds(cls, head: Head, dtype: torch.dtype, branch: int) -> "Answering":
+        """Make one that sees a row a cloud."""
+        return cls([Dense(layer, dtype, branch) for layer in head.normalised()], head.output)
+
+    @classmethod
+    def of_pairs(cls, head: Head, dtype: torch.dtype, *beside: nn.Linear) -> "Answering":
+        """Make one that sees a row a pair, of which there are several a cloud."""
+        return cls([FoldedLinear(layer, dtype) for layer in head.normalised()], head.output, *beside)
 
     def hidden(self, features: Tensor) -> Stored:
         """Give the features before the last layer."""
-        for folded in self.layers:
-            features = folded.forward(features)  # (b, 512), (b, 256)
+        for layer in self.layers:
+            features = layer.forward(features)  # (b, 512), (b, 256)
         return _numbers(features)
 
 
@@ -105,9 +128,9 @@ class Inference:
         self.architecture = network.architecture
         self.coarse, self.fine = Stage(network.coarse, dtype, branch), Stage(network.fine, dtype, branch)
         self.embedding = Stage(network.embedding, dtype, branch)
-        self.coarse_head = Answering(network.coarse_head, dtype, branch)
-        self.fine_head = Answering(network.fine_head, dtype, branch)
-        self.final_head = Answering(network.final_head, dtype, 0, *precision)
+        self.coarse_head = Answering.of_clouds(network.coarse_head, dtype, branch)
+        self.fine_head = Answering.of_clouds(network.fine_head, dtype, branch)
+        self.final_head = Answering.of_pairs(network.final_head, dtype, *precision)
 
     @torch.inference_mode()
     def encode(
@@ -202,10 +225,6 @@ def _load(path: Path, written: int, dtype: torch.dtype) -> tuple[list[Inference]
 
 def _arrays(layer: FoldedLinear) -> tuple[Float32[np.ndarray, "d_in d_out"], Float32[np.ndarray, " d_out"]]:
     return np.ascontiguousarray(layer.weight.numpy().T), layer.bias.numpy()
-
-
-def _empty(shape: tuple[int, int], dtype: torch.dtype) -> Tensor:
-    return torch.empty(shape, dtype=dtype)
 
 
 def _numbers(features: Tensor) -> Stored:

@@ -139,6 +139,38 @@ def pool(product, begin, bias, context, first, features):  # noqa: PLR0913
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
+def dense(features, weight, bias, found):
+    """Map and rectify a few rows; oneDNN, whose caches others have emptied, takes longer to call than this to compute.
+
+    Args:
+        features: (b, d_in) bits or float32.
+        weight: (d_in, d_out), the same.
+        bias: (d_out,) float32.
+        found: (b, d_out) bits or float32, written.
+    """
+    n, d, zero = features.shape[0], weight.shape[1], np.float32(0.0)
+    sums = np.empty((n, d), np.float32)
+    for k in range(n):
+        sums[k] = bias
+    for i in range(features.shape[1]):
+        for k in range(n):
+            value = _from_bits(features[k, i]) if features.itemsize == HALF else np.float32(features[k, i])
+            if value == zero:  # as half of them are, after a ReLU
+                continue
+            if weight.itemsize == HALF:
+                for j in range(d):
+                    sums[k, j] += value * _from_bits(weight[i, j])
+            else:
+                for j in range(d):
+                    sums[k, j] += value * weight[i, j]
+    for k in range(n):
+        for j in range(d):
+            value = max(sums[k, j], zero)
+            found[k, j] = _to_bits(value) if found.itemsize == HALF else value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
 def _outputs(hidden, weight, bias):
     """Give the last layer's numbers (b, d_out) float32, of hidden features (b, d) and a weight (d, d_out)."""
     out = np.empty((hidden.shape[0], weight.shape[1]), np.float32)

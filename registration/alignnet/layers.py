@@ -138,6 +138,10 @@ class Head(nn.Module):
         nn.init.xavier_uniform_(self.output.weight)
         nn.init.zeros_(self.output.bias)
 
+    def normalised(self) -> list[NormalisedLinear]:
+        """Give the layers before the last, first to last."""
+        return [layer for layer in self.layers if isinstance(layer, NormalisedLinear)]
+
     def hidden(self, features: Float[Tensor, "b d_in"], branch: int = 0) -> Float[Tensor, "b d_hidden"]:
         """Give the features before the last layer, without dropout."""
         for layer in self.layers:
