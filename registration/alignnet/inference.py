@@ -24,8 +24,7 @@ from registration.alignnet.packing import thinned
 from registration.alignnet.products import FoldedLinear
 from registration.types import Points
 
-# oneDNN makes a program for each new number of rows, which takes as long as running it: there are few such numbers
-LIKE_SIZED = 64
+LIKE_SIZED = 64  # points: batches have some multiple of it
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -61,7 +60,7 @@ class Stage:
 
     def pooled(self, points: Points, begin: Begin, frames: Frames, context: Context, first: int) -> Tensor:
         """Encode clouds in their axes; what they are told beside their points, from `first` on, comes behind that."""
-        rows = len(points) + -len(points) % LIKE_SIZED
+        rows = LIKE_SIZED * like_sized(-(-len(points) // LIKE_SIZED))
         layer = torch.empty((rows, len(self.first[1])), dtype=self.dtype)
         inference_kernels.first_layer(points, begin, frames, *self.first, _numbers(layer))
         for folded in self.middle:
@@ -172,11 +171,12 @@ class Inference:
         """
         m, a = len(sources), self.architecture
         both = [each.embedding for pair in zip(sources, targets, strict=True) for each in pair]
-        features = _features(np.concatenate(both).reshape(m, -1))
+        nothing = [np.zeros_like(both[0])] * (2 * (like_sized(m) - m))
+        features = _features(np.concatenate([*both, *nothing]).reshape(like_sized(m), -1))
         poses = np.array([each.pose for side in (sources, targets) for each in side]).reshape(2, m, -1)
         motions, covariances = np.empty((m, 7)), np.empty((m, 3, 3))
         inference_kernels.compare(
-            self.final_head.hidden(features),
+            self.final_head.hidden(features)[:m],
             *self.final_head.output,
             a.translation_dims,
             a.composition == "composed",
@@ -187,6 +187,16 @@ class Inference:
             covariances,
         )
         return Answers(motions[:, :3], motions[:, 3:6], motions[:, 6], covariances)
+
+
+def like_sized(n: int) -> int:
+    """Give the next of 1 to 8, 10, 12, 14, 16, 20, 24, 28, 32, 40 and so on.
+
+    oneDNN makes a program for each new number of rows, which takes longer than running it ten times: there are to be
+    few such numbers.
+    """
+    step = 1 << max((n - 1).bit_length() - 3, 0)
+    return -(-n // step) * step
 
 
 def best_dtype(precision: str = "auto") -> torch.dtype:
