@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def mix(velocities, covariances, is_known, expected, doubts, variances, weights, flows, flow_variance, slips):
+def mix(velocities, covariances, is_known, slips, expected, doubts, variances, shares, moving, flow):  # noqa: PLR0913
     """Give mean and covariance of each object's velocity, when what is known before it is measured is a mixture.
 
     Its first parts are normal about `expected`, the others about what the other objects have at the same time.  The
@@ -20,13 +20,14 @@ def mix(velocities, covariances, is_known, expected, doubts, variances, weights,
         velocities: measured, of K objects at N times (K, N, 2) [m/s].
         covariances: of these (K, N, 2, 2).
         is_known: whether there are any (K, N).
+        slips: probability that the measured is off, and the variance that it then has beside its own (K, N, 2).
         expected: what the first C parts are about (K, N, 2) [m/s].
         doubts: covariance of that (K, N, 2, 2).
         variances: what each of these parts has beside it, along each axis (C) [m^2/s^2].
-        weights: probabilities of these parts (C, K).
-        flows: for each object, of those about the others (K, K).
-        flow_variance: what these have beside the covariance of the other's velocity, along each axis [m^2/s^2].
-        slips: probability that the measured is off, and the variance that it then has beside its own (K, N, 2).
+        shares: of these parts, for each object (C, K).
+        moving: probability that each object moves (K).
+        flow: share of those that move as another one does, if all others move; what they have beside the covariance of
+            the other's velocity, along each axis [m^2/s^2].
 
     Returns:
         means (K, N, 2) and covariances (K, N, 2, 2), as they were where nothing is known; logarithm of how much
@@ -35,7 +36,9 @@ def mix(velocities, covariances, is_known, expected, doubts, variances, weights,
     K, N, C = velocities.shape[0], velocities.shape[1], len(variances)
     means, found, gains = velocities.copy(), covariances.copy(), np.zeros(K)
     logs, parts = np.empty(2 * (C + K)), np.empty((2 * (C + K), 5))
+    followed = flow[0] / max(K - 1, 1) * moving  # as each object's are, the others' parts
     for k in range(K):
+        alone = 1.0 - (followed.sum() - followed[k])
         for n in range(N):
             if not is_known[k, n]:
                 continue
@@ -45,19 +48,78 @@ def mix(velocities, covariances, is_known, expected, doubts, variances, weights,
             for c in range(C):
                 p, q, r = doubts[k, n, 0, 0] + variances[c], doubts[k, n, 0, 1], doubts[k, n, 1, 1] + variances[c]
                 off = x - expected[k, n, 0], y - expected[k, n, 1]
-                m = _add(logs, parts, m, off, own, (p, q, r), weights[c, k], (slip, wide))
+                m = _add(logs, parts, m, off, own, (p, q, r), alone * shares[c, k], (slip, wide))
             first = m
             for j in range(K):
-                if flows[k, j] > 0.0 and is_known[j, n]:
+                if j != k and followed[j] > 0.0 and is_known[j, n]:
                     p, q, r = covariances[j, n, 0, 0], covariances[j, n, 0, 1], covariances[j, n, 1, 1]
-                    wider = flow_variance + slips[j, n, 0] * slips[j, n, 1]
+                    wider = flow[1] + slips[j, n, 0] * slips[j, n, 1]
                     off = x - velocities[j, n, 0], y - velocities[j, n, 1]
-                    m = _add(logs, parts, m, off, own, (p + wider, q, r + wider), flows[k, j], (slip, wide))
+                    m = _add(logs, parts, m, off, own, (p + wider, q, r + wider), followed[j], (slip, wide))
             if n == 0:
                 highest = logs[:first].max()
                 gains[k] = np.log(np.exp(logs[:m] - highest).sum() / np.exp(logs[:first] - highest).sum())
             _sum_up(logs, parts, m, means, found, k, n)
     return means, found, gains
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def together(owners, ends, numbers, lengths, velocities, covariances, places, slips, found):  # noqa: PLR0913
+    """Put steps from one frame to the next side by side, by how many frames ago they ended; see `speeds.together`.
+
+    Args:
+        owners, numbers, lengths: see `steps.Steps` (N).
+        ends: where each of K objects' steps end (K).
+        velocities, places: (N, 2).
+        covariances: (N, 2, 2).
+        slips: (N, 2).
+        found: written: velocities (K, n, 2), covariances (K, n, 2, 2), is_known (K, n), slips and places (K, n, 2).
+    """
+    means, spreads, is_known, own_slips, own_places = found
+    for i in range(len(owners)):
+        k = owners[i]
+        back = numbers[ends[k] - 1] - numbers[i]
+        if lengths[i] != 1 or back >= is_known.shape[1]:
+            continue
+        is_known[k, back] = True
+        for d in range(2):
+            means[k, back, d], own_slips[k, back, d] = velocities[i, d], slips[i, d]
+            own_places[k, back, d] = places[i, d]
+            for e in range(2):
+                spreads[k, back, d, e] = covariances[i, d, e]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def apart(owners, ends, numbers, lengths, means, spreads, velocities, covariances):  # noqa: PLR0913
+    """Do the reverse of `together`: into velocities (N, 2) and covariances (N, 2, 2), where steps have a place."""
+    for i in range(len(owners)):
+        k = owners[i]
+        back = numbers[ends[k] - 1] - numbers[i]
+        if lengths[i] == 1 and back < means.shape[1]:
+            for d in range(2):
+                velocities[i, d] = means[k, back, d]
+                for e in range(2):
+                    covariances[i, d, e] = spreads[k, back, d, e]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def of_class(shares, logs):
+    """Give probabilities of C classes for K objects, of shares and log likelihoods (C, K)."""
+    found = np.empty(logs.shape)
+    for k in range(logs.shape[1]):
+        highest, total = -np.inf, 0.0
+        for c in range(logs.shape[0]):
+            found[c, k] = np.log(shares[c, k]) + logs[c, k]
+            highest = max(highest, found[c, k])
+        for c in range(logs.shape[0]):
+            found[c, k] = np.exp(found[c, k] - highest)
+            total += found[c, k]
+        for c in range(logs.shape[0]):
+            found[c, k] /= total
+    return found
 
 
 @njit(cache=True, nogil=True)

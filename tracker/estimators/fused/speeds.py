@@ -49,9 +49,8 @@ class Velocities(NamedTuple):
 
     def given_to(self, steps: Steps) -> Steps:
         """Give the objects' steps these velocities, where they have a place among them."""
-        own, k, back = _slots(steps, self.is_known.shape[1])
         velocities, covariances = steps.velocities.copy(), steps.covariances.copy()
-        velocities[own], covariances[own] = self.means[k, back], self.covariances[k, back]
+        speed_kernels.apart(*_slots(steps), self.means, self.covariances, velocities, covariances)
         return replace(steps, velocities=velocities, covariances=covariances)
 
 
@@ -59,24 +58,22 @@ def together(steps: Steps) -> tuple[Velocities, Float64[np.ndarray, "k n 2"]]:
     """Put the velocities of all objects side by side, and where these were [m]; no steps over several frames."""
     n_objects, n = len(steps.centers), int(np.bincount(steps.owners).max())
     means, places, slips = np.zeros((3, n_objects, n, 2))
-    covariances, is_known = np.tile(np.eye(2), (n_objects, n, 1, 1)), np.zeros((n_objects, n), dtype=np.bool_)
-    own, k, back = _slots(steps, n)
-    means[k, back], places[k, back], slips[k, back] = steps.velocities[own], steps.places[own], steps.slips[own]
-    covariances[k, back], is_known[k, back] = steps.covariances[own], True
+    covariances, is_known = np.zeros((n_objects, n, 2, 2)), np.zeros((n_objects, n), dtype=np.bool_)
+    covariances[:, :, 0, 0] = covariances[:, :, 1, 1] = 1.0
+    own = steps.velocities, steps.covariances, steps.places, steps.slips
+    speed_kernels.together(*_slots(steps), *own, (means, covariances, is_known, slips, places))
     return Velocities(means, covariances, is_known, slips), places
 
 
-def _slots(steps: Steps, n: int) -> tuple[Indices, Indices, Indices]:
-    """Say which steps are from one frame to the next, whose, and how many frames ago they ended, below n."""
-    back = steps.numbers[steps.ends - 1][steps.owners] - steps.numbers
-    own = np.flatnonzero((back < n) & (steps.lengths == 1))
-    return own, steps.owners[own], back[own]
+def _slots(steps: Steps) -> tuple[Indices, Int64[np.ndarray, " k"], Indices, Indices]:
+    """Give what tells which steps are from one frame to the next, whose, and how many frames ago they ended."""
+    return steps.owners, steps.ends, steps.numbers, steps.lengths
 
 
 def of_class(shares: Shares, logs: Shares) -> Shares:
     """Give the probability of each class (C) for each object (K), from shares and log likelihoods."""
-    logs = np.log(shares) + logs
-    return np.exp(logs - np.logaddexp.reduce(logs, axis=0))
+    found: Shares = speed_kernels.of_class(shares, logs)
+    return found
 
 
 def learned(logs: Shares) -> Shares:
@@ -109,11 +106,8 @@ def mixed(
         means and covariances (k n 2), (k n 2 2), and by which factor each object's latest velocity is likelier since
         it may move as another one does.
     """
-    flows = np.tile(FLOW_SHARE / max(len(moving) - 1, 1) * moving, (len(moving), 1))
-    np.fill_diagonal(flows, 0.0)
-    weights = (1.0 - flows.sum(axis=1)) * shares
     means, covariances, gains = speed_kernels.mix(
-        *measured[:3], *expected, sds**2, weights, flows, FLOW_SD**2, measured.slips
+        *measured, *expected, sds**2, np.ascontiguousarray(shares), moving, (FLOW_SHARE, FLOW_SD**2)
     )
     return means, covariances, np.exp(np.minimum(gains, MOST_GAIN))
 

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 
 from registration import planar
 from tracker.estimators.fused import hypotheses, motion_kernels
@@ -284,16 +285,35 @@ def steps(windows: Sequence[Window], tells: Bool[np.ndarray, " m"]) -> Moved:
         displacements (N - K, d), and two parts of their covariances (N - K, d, d): what is open since places and rates
         are, and since axes shake.
     """
-    model = windows[0].model
+    flat, model = flattened(windows), windows[0].model
+    shakes = np.concatenate([window.shakes for window in windows])
     found: Moved = motion_kernels.steps(
-        np.array([len(window) for window in windows]),
-        np.concatenate([window.state for window in windows]),
-        np.concatenate([window.covariance.ravel() for window in windows]),
-        np.array([time for window in windows for time in window.times]),
-        tells,
-        np.concatenate([window.shakes for window in windows]),
-        float(model.density),
-        float(model.tails[1]),
-        windows[0].state.shape[2],
+        *flat, tells, shakes, float(model.density), float(model.tails[1]), flat.state.shape[2]
     )
     return found
+
+
+class Flat(NamedTuple):
+    """Windows one after the other, as compiled loops take them.
+
+    Attributes:
+        sizes: frames of each of K objects (K).
+        state: place and rate at each frame (N, 2, d).
+        covariances: of all of an object's, object by object, flat.
+        times: of the frames (N) [s].
+    """
+
+    sizes: Int64[np.ndarray, " k"]
+    state: Float64[np.ndarray, "n 2 d"]
+    covariances: Float64[np.ndarray, " _"]
+    times: Float64[np.ndarray, " n"]
+
+
+def flattened(windows: Sequence[Window]) -> Flat:
+    """Lay windows, one at least, one after the other."""
+    return Flat(
+        sizes=np.array([len(window) for window in windows]),
+        state=np.concatenate([window.state for window in windows]),
+        covariances=np.concatenate([window.covariance.ravel() for window in windows]),
+        times=np.array([time for window in windows for time in window.times]),
+    )
