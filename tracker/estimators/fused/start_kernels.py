@@ -68,7 +68,7 @@ def choose(x, windows, rotations, tails):
         R, R_before, seconds = rotations[f], rotations[f - 1], windows.times[f] - windows.times[f - 1]
         other = np.zeros(D) if np.isnan(windows.others[k, 0]) else R_before @ windows.others[k]
         shown = x[k, at - 2 * D : at - D] + (other if windows.is_sudden[k] else np.zeros(D))
-        places, informations = _shown(x[k], k, (frame, first), windows, rotations, shown)
+        places, informations = _shown(x, k, frame, first, windows, rotations, shown)
         expected = x[k, at - 2 * D : at - D] + R_before @ windows.expected[k]
         uncertain = R_before @ windows.expected_covariances[k] @ R_before.T
         place, likely, contrary, share, cost = _best(
@@ -101,28 +101,42 @@ def choose(x, windows, rotations, tails):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _shown(x, k, numbers, windows, rotations, shown):
+def _shown(x, k, frame, first, windows, rotations, shown):  # noqa: PLR0913
     """Give the present last place, and those where comparisons of the last frame would have it, with informations.
 
     Args:
-        x: unknowns of object k.
+        x: unknowns of all objects.
         k: number of the object.
-        numbers: of its first frame and comparison.
+        frame, first: numbers of its first frame and comparison.
         windows, rotations: see `choose`.
         shown: where the look before the last shows the object; it need not be there.
+
+    Returns:
+        places (n, D) and informations (n, D, D); the first of these is none.
     """
-    D, last, (frame, first) = rotations.shape[1], windows.sizes[k] - 1, numbers
-    R, ends, olders, newers = rotations[frame + last], windows.ends, windows.olders, windows.newers
+    D, last = rotations.shape[1], windows.sizes[k] - 1
+    ends, olders, newers, f = windows.ends, windows.olders, windows.newers, frame + last
     claimed, doubts = windows.informations, windows.doubts
-    places, informations = [x[2 * D * last : 2 * D * last + D].copy()], [np.eye(D)]
+    n, own = 1, np.empty((D, D))
     for c in range(first, first + windows.counts[k]):
-        if ends[c, 1] == last:
-            older = ends[c, 0]
-            start = shown if older == last - 1 else x[2 * D * older : 2 * D * older + D]
-            places.append(start - rotations[frame + older] @ olders[c] + R @ newers[c])
-            information = np.empty((D, D))
-            claims.believe(claimed, doubts, c, 1.0, D, information)
-            informations.append(R @ information @ R.T)
+        n += 1 if ends[c, 1] == last else 0
+    places, informations = np.zeros((n, D)), np.zeros((n, D, D))
+    for d in range(D):
+        places[0, d] = x[k, 2 * D * last + d]
+    n = 1
+    for c in range(first, first + windows.counts[k]):
+        if ends[c, 1] != last:
+            continue
+        older = ends[c, 0]
+        claims.believe(claimed, doubts, c, 1.0, D, own)
+        for d in range(D):
+            places[n, d] = shown[d] if older == last - 1 else x[k, 2 * D * older + d]
+            for e in range(D):
+                places[n, d] += rotations[f, d, e] * newers[c, e] - rotations[frame + older, d, e] * olders[c, e]
+                for p in range(D):
+                    for q in range(D):
+                        informations[n, d, e] += rotations[f, d, p] * own[p, q] * rotations[f, e, q]
+        n += 1
     return places, informations
 
 
@@ -138,27 +152,40 @@ def _best(places, informations, expected, uncertain, farthest, tails):
         the likeliest place within reach, that of all, that of those apart from the first of these (NaN where there is
         none) and its probability beside that, and the negative logarithm of the first one's likelihood.
     """
-    own, costs, is_within = np.linalg.inv(uncertain), np.zeros(len(places)), np.ones(len(places), np.bool_)
-    for i in range(len(places)):
-        off = places[i] - expected
-        is_within[i] = i == 0 or off @ off <= farthest * np.sqrt(off @ off) + 3.0 * np.sqrt(off @ uncertain @ off)
-        costs[i] = heavy_tails.cost(tails[1], 2 * len(off), off @ own @ off)
-        for j in range(1, len(places)):
-            off = places[i] - places[j]
-            costs[i] += heavy_tails.cost(tails[0], len(off), off @ informations[j] @ off)
-    best = np.argmin(np.where(is_within, costs, np.inf))
-    contrary, least = np.full(len(expected), np.nan), costs[best] + UNLIKELY
-    for i in range(1, len(places)):
-        off = places[i] - places[best]
-        if costs[i] < least and off @ off > APART**2:
-            contrary, least = places[i], costs[i]
+    (n, D), own = places.shape, np.linalg.inv(uncertain)
+    costs, off, best, likeliest = np.zeros(n), np.empty(D), -1, 0
+    for i in range(n):
+        for d in range(D):
+            off[d] = places[i, d] - expected[d]
+        length2, spread, distance = 0.0, 0.0, 0.0
+        for d in range(D):
+            length2 += off[d] * off[d]
+            for e in range(D):
+                spread += off[d] * uncertain[d, e] * off[e]
+                distance += off[d] * own[d, e] * off[e]
+        costs[i] = heavy_tails.cost(tails[1], 2 * D, distance)
+        is_within = i == 0 or length2 <= farthest * np.sqrt(length2) + 3.0 * np.sqrt(spread)
+        for j in range(1, n):
+            distance = 0.0
+            for d in range(D):
+                for e in range(D):
+                    p, q = places[i, d] - places[j, d], places[i, e] - places[j, e]
+                    distance += p * informations[j, d, e] * q
+            costs[i] += heavy_tails.cost(tails[0], D, distance)
+        best = i if is_within and (best < 0 or costs[i] < costs[best]) else best
+        likeliest = i if costs[i] < costs[likeliest] else likeliest
+    contrary, least = -1, costs[best] + UNLIKELY
+    for i in range(1, n):
+        length2 = 0.0
+        for d in range(D):
+            length2 += (places[i, d] - places[best, d]) ** 2
+        if costs[i] < least and length2 > APART**2:
+            contrary, least = i, costs[i]
     # how much wider than the comparisons' own the likelihood of what they tell is: nothing, where they tell nothing
-    told = np.zeros((len(expected), len(expected)))
-    for j in range(1, len(places)):
-        told += informations[j]
-    wide = np.log(np.linalg.det(np.eye(len(expected)) + uncertain @ told))
-    share = 0.0 if np.isnan(contrary[0]) else 1.0 / (1.0 + np.exp(least - costs[best]))
-    return places[best], places[np.argmin(costs)], contrary, share, costs[best] + 0.5 * wide
+    wide = np.log(np.linalg.det(np.eye(D) + uncertain @ informations.sum(axis=0)))
+    share = 0.0 if contrary < 0 else 1.0 / (1.0 + np.exp(least - costs[best]))
+    there = places[contrary].copy() if contrary >= 0 else np.full(D, np.nan)
+    return places[best].copy(), places[likeliest].copy(), there, share, costs[best] + 0.5 * wide
 
 
 @njit(cache=True, nogil=True)
