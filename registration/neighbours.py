@@ -58,7 +58,7 @@ def build_grid(points: Points, cell: float) -> Grid:
 def build_grids(
     points: Points, begin: Int64[np.ndarray, " _"], cells: Float64[np.ndarray, " _"]
 ) -> tuple[Packed, Int64[np.ndarray, " n"]]:
-    """Do `build_grid` for many clouds that lie one after the other already (see `pack_arrays`), each with its own cells.
+    """Do `build_grid` for clouds that lie one after the other already (see `pack_arrays`), each with cells of its own.
 
     Returns:
         the grids, and which row of its cloud each of their points is.

@@ -7,8 +7,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import planar, uncertainty
-from registration.alignnet import loss
-from registration.alignnet.network import Motion
 from registration.types import MotionPrior, PlanarCovariance, PlanarMotion, Points, RegistrationResult, Status
 
 ROUNDING = 1e-8  # so that a covariance that claims certainty has an inverse [m^2, rad^2]
@@ -49,23 +47,6 @@ class Answers:
         """Carry the covariances from the objects' centres to places so far from there, in the source [m]."""
         covariance = planar.transport_covariances(self.covariance, self.turn, arms)
         return 0.5 * (covariance + covariance.transpose(0, 2, 1)) + ROUNDING * np.eye(3)
-
-
-def read(motion: Motion, has_covariance: bool, scale: float) -> Answers:
-    """Bring the network's outputs to numpy.
-
-    Args:
-        motion: of n pairs.
-        has_covariance: whether the network was trained to say how sure it is.
-        scale: factor of its covariances, from held-out pairs.
-    """
-    center, moved_center, turn = (f.double().numpy() for f in (motion.center, motion.moved_center, motion.turn))
-    covariance = np.full((len(turn), 3, 3), np.nan)
-    if has_covariance:
-        root = np.linalg.inv(loss.precision_factor(motion.precision.double()).numpy())
-        root = _turns(motion.heading.double().numpy()) @ root
-        covariance = scale * root @ root.transpose(0, 2, 1)
-    return Answers(center, moved_center, turn, covariance)
 
 
 def results(

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.export import Dim, ExportedProgram
 
-from registration.alignnet.inference import How, fold
+from registration.alignnet.folding import fold
 from registration.alignnet.network import AlignNet, Encoding
 from registration.alignnet.ragged import Clouds
 
@@ -47,7 +47,7 @@ def export(network: AlignNet) -> tuple[ExportedProgram, ExportedProgram]:
     Returns:
         the graphs of `Encode` and of `Align`.
     """
-    folded = fold(network, How(pack=False))
+    folded = fold(network)
     clouds = _example()
     n, b = Dim("n_points", min=1), Dim("n_clouds", min=1)
     rows = tuple({0: axis} for axis in (n, n, b, b))

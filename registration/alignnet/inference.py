@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64, Int16
+from jaxtyping import Float32, Float64, Int16, Int64
 from torch import Tensor, nn
 
 from registration.alignnet import checkpoint, inference_kernels
@@ -30,9 +30,9 @@ PRECISIONS = ("auto", "float32", "bfloat16")
 
 Pose = Float64[np.ndarray, "4"]
 Stored = Int16[np.ndarray, "..."] | Float32[np.ndarray, "..."]  # bits of bfloat16, or float32
-Frames = Float64[np.ndarray, "b 8"]
+Frames = Float64[np.ndarray, "b 8"]  # see `inference_kernels`
 Context = Float64[np.ndarray, "b 4"]
-Begin = np.ndarray
+Begin = Int64[np.ndarray, " _"]  # cloud k is rows begin[k] to begin[k + 1]
 
 
 class Encoding(NamedTuple):
@@ -91,7 +91,9 @@ class Answering:
 
     def __init__(self, layers: Sequence[Dense | FoldedLinear], *outputs: nn.Linear) -> None:
         self.layers = layers
-        weights, biases = zip(*(_arrays(FoldedLinear(each, torch.float32, pack=False)) for each in outputs), strict=True)
+        weights, biases = zip(
+            *(_arrays(FoldedLinear(each, torch.float32, pack=False)) for each in outputs), strict=True
+        )
         self.output = np.concatenate(weights, axis=1), np.concatenate(biases)
 
     @classmethod

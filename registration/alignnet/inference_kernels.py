@@ -116,25 +116,31 @@ def pool(product, begin, bias, context, first, features):  # noqa: PLR0913
         features: (b, d + columns) bits or float32, written.
     """
     d, zero = product.shape[1], np.float32(0.0)
-    best, lowest = np.empty(d, product.dtype), np.empty(d, product.dtype)
+    best, lowest, values = np.empty(d, product.dtype), np.empty(d, product.dtype), np.empty(d, np.float32)
     for k in range(len(begin) - 1):
         for j in range(d):
             best[j] = lowest[j] = product[begin[k], j]
         for i in range(begin[k] + 1, begin[k + 1]):
             for j in range(d):
-                value = product[i, j]
-                best[j] = max(best[j], value)
-                if product.itemsize == HALF:
-                    lowest[j] = min(lowest[j], value)
+                best[j] = max(best[j], product[i, j])
+                lowest[j] = min(lowest[j], product[i, j])
         for j in range(d):
-            if product.itemsize == HALF:
-                value = max(_from_bits(best[j] if best[j] >= 0 else lowest[j]) + bias[j], zero)
-                features[k, j] = _to_bits(value)
-            else:
-                features[k, j] = max(best[j] + bias[j], zero)
-        for j in range(first, context.shape[1]):
-            value = np.float32(context[k, j])
-            features[k, d + j - first] = _to_bits(value) if features.itemsize == HALF else value
+            most = best[j] if best[j] >= 0 or product.itemsize != HALF else lowest[j]
+            values[j] = max((_from_bits(most) if product.itemsize == HALF else np.float32(most)) + bias[j], zero)
+        _store(values, features, k, 0)
+        _store(context[k, first:].astype(np.float32), features, k, d)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _store(values, features, k, first):
+    """Put float32 values into a row of features, from a column on."""
+    if features.itemsize == HALF:
+        for j in range(len(values)):
+            features[k, first + j] = _to_bits(values[j])
+    else:
+        for j in range(len(values)):
+            features[k, first + j] = values[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -148,25 +154,28 @@ def dense(features, weight, bias, found):
         bias: (d_out,) float32.
         found: (b, d_out) bits or float32, written.
     """
-    n, d, zero = features.shape[0], weight.shape[1], np.float32(0.0)
-    sums = np.empty((n, d), np.float32)
+    n, zero = features.shape[0], np.float32(0.0)
+    sums = np.empty((n, weight.shape[1]), np.float32)
     for k in range(n):
         sums[k] = bias
     for i in range(features.shape[1]):
         for k in range(n):
             value = _from_bits(features[k, i]) if features.itemsize == HALF else np.float32(features[k, i])
-            if value == zero:  # as half of them are, after a ReLU
-                continue
-            if weight.itemsize == HALF:
-                for j in range(d):
-                    sums[k, j] += value * _from_bits(weight[i, j])
-            else:
-                for j in range(d):
-                    sums[k, j] += value * weight[i, j]
+            if value != zero:  # as half of them are, after a ReLU
+                _add_row(sums, k, value, weight, i)
     for k in range(n):
-        for j in range(d):
-            value = max(sums[k, j], zero)
-            found[k, j] = _to_bits(value) if found.itemsize == HALF else value
+        _store(np.maximum(sums[k], zero), found, k, 0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@typing.no_type_check
+def _add_row(sums, k, value, weight, i):
+    if weight.itemsize == HALF:
+        for j in range(weight.shape[1]):
+            sums[k, j] += value * _from_bits(weight[i, j])
+    else:
+        for j in range(weight.shape[1]):
+            sums[k, j] += value * weight[i, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -9,8 +9,6 @@ import typing
 import numpy as np
 from numba import njit
 
-MINUS_INFINITY = np.int16(-128)  # the bits of bfloat16's
-
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
@@ -64,34 +62,3 @@ def scatter_gradient(gradient, row, features, weight, of_features, of_weight):
 def ordered(bits: np.ndarray) -> np.ndarray:
     """Turn the bits of bfloat16 numbers into integers of the same order, or back: int16 to int16."""
     return bits ^ ((bits >> 15) & np.int16(0x7FFF))
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def largest(bits, begin, best):
-    """Find the largest of each column over each cloud, of the bits of bfloat16 numbers; no row is asked for.
-
-    As integers, positive numbers are in order and negative ones in the opposite order, below them: the largest
-    number is the largest integer, or the smallest one if all are negative.
-
-    Args:
-        bits: (n, d) int16.
-        begin: (b + 1,); cloud k is rows begin[k] to begin[k + 1].
-        best: (b, d) int16, written; of an empty cloud the bits of minus infinity.
-    """
-    d = bits.shape[1]
-    lowest = np.empty(d, np.int16)
-    for k in range(len(begin) - 1):
-        first = begin[k]
-        if first == begin[k + 1]:
-            best[k, :] = MINUS_INFINITY
-            continue
-        for c in range(d):
-            best[k, c] = bits[first, c]
-            lowest[c] = bits[first, c]
-        for i in range(first + 1, begin[k + 1]):
-            for c in range(d):
-                best[k, c] = max(best[k, c], bits[i, c])
-                lowest[c] = min(lowest[c], bits[i, c])
-        for c in range(d):
-            best[k, c] = best[k, c] if best[k, c] >= 0 else lowest[c]

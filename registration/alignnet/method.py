@@ -150,7 +150,8 @@ class LearnedRegistration(PairMethod):
             raise ValueError(
                 f"expected clouds of {self.min_points} points or more, got {len(pairs) - len(known)} smaller"
             )
-        found = networks[0].align(*zip(*known, strict=True), about.covariance_scale)
+        sources, targets = zip(*known, strict=True)
+        found = networks[0].align(sources, targets, about.covariance_scale)
         if self.fold_turn:
             expected = np.zeros(len(pairs)) if turns is None else turns
             found = replace(found, turn=answers.nearest_turns(found.turn, expected))

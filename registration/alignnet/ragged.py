@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import BFloat16, Float, Int64
+from jaxtyping import Float, Int64
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
@@ -75,17 +75,6 @@ def maximum(features: Float[Tensor, "n d"], cloud: Int64[Tensor, " n"], n_clouds
     """Give the largest of each feature over each cloud; minus infinity for an empty one."""
     lowest = features.new_full((n_clouds, features.shape[1]), -torch.inf)
     return lowest.scatter_reduce(0, cloud[:, None].expand_as(features), features, "amax", include_self=True)
-
-
-def half_maximum(
-    features: BFloat16[Tensor, "n d"], cloud: Int64[Tensor, " n"], n_clouds: int
-) -> BFloat16[Tensor, "b d"]:
-    """Give `maximum` of bfloat16, for inference: on a CPU by a compiled loop."""
-    if features.is_cuda:
-        return maximum(features, cloud, n_clouds)
-    best = torch.empty((n_clouds, features.shape[1]), dtype=torch.bfloat16)
-    kernels.largest(features.view(torch.int16).numpy(), offsets(cloud, n_clouds), best.view(torch.int16).numpy())
-    return best
 
 
 def linear_maximum(

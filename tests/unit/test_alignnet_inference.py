@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,12 +10,12 @@ import torch
 
 import registration
 from registration import planar, se3
-from registration.alignnet import answers, checkpoint, inference, timing
+from registration.alignnet import answers, checkpoint, folding, inference, inference_kernels, loss, timing
 from registration.alignnet.answers import nearest_turns
 from registration.alignnet.errors import WeightsError
 from registration.alignnet.method import AlignNetCars
-from registration.alignnet.network import AlignNet
 from registration.alignnet.packing import pack, padded, thinned
+from registration.alignnet.products import FoldedLinear
 from registration.alignnet.recipe import Recipe
 from registration.alignnet.timing import PlainWay
 from registration.method import prepare_seen_from
@@ -25,6 +26,10 @@ from tracker.estimators.registration import RegistrationEstimator
 
 CAR = car_cloud(300) + [12.0, 5.0, -1.0]
 T_TRUE = se3.from_yaw(0.0, np.array([0.4, 0.1, 0.0]))
+
+
+def _as_float(numbers):
+    return inference._features(numbers).float().numpy()
 
 
 @pytest.fixture
@@ -44,38 +49,102 @@ def test_it_keeps_the_contract(tmp_path, precision, settings):
     registration.check_method(AlignNetCars(weights=str(path), precision=precision))
 
 
-@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-4), (torch.bfloat16, 0.1)])
-@pytest.mark.parametrize("pack", [True, False])
 @torch.no_grad()
-def test_the_folded_network_gives_what_the_plain_one_gives(dtype, tolerance, pack):
+def test_the_folded_network_gives_what_the_plain_one_gives():
     network = learned.network()
-    folded, plain = inference.fold(network, inference.How(dtype, pack)), timing.unfolded(network)
+    folded, plain = folding.fold(network), timing.unfolded(network)
     clouds = learned.clouds(sizes=(30, 5, 200))
     fast, slow = folded.encode(clouds), plain.encode(clouds)
-    torch.testing.assert_close(fast.center, slow.center, rtol=0.0, atol=tolerance)
-    torch.testing.assert_close(fast.angle, slow.angle, rtol=0.0, atol=4 * tolerance)
-    for rows in (slice(0, 2), slice(1, 3)):  # from the same encodings: a bin that flips is no rounding
+    for found, expected in zip(fast, slow, strict=True):
+        torch.testing.assert_close(found, expected, rtol=0.0, atol=1e-4)
+    for rows in (slice(0, 2), slice(1, 3)):
         motions = [made.align(slow.rows(rows), slow.rows(slice(0, 2))) for made in (folded, plain)]
-        torch.testing.assert_close(motions[0].moved_center, motions[1].moved_center, rtol=0.0, atol=tolerance)
-        torch.testing.assert_close(motions[0].precision, motions[1].precision, rtol=0.0, atol=4 * tolerance)
+        for found, expected in zip(*motions, strict=True):
+            torch.testing.assert_close(found, expected, rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-5), (torch.bfloat16, 0.05)])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"covariance": False, "view_axes": False},
+        {"sensor_context": False, "translation_dims": 3},
+        {"composition": "additive", "coarse": (8, 16), "head": (16,)},
+    ],
+)
+@torch.no_grad()
+def test_the_network_for_arrays_gives_what_the_plain_one_gives(dtype, tolerance, settings):
+    network = learned.network(**settings)
+    if network.precision is not None:
+        torch.nn.init.normal_(network.precision.weight, std=0.1)
+    rng = np.random.default_rng(0)
+    clouds = [rng.uniform([-2, -1, -0.7], [2, 1, 0.7], (n, 3)) + [900.0, 40.0, -1.0] for n in (30, 5, 200, 1)]
+    origins, sensors = np.array([cloud[0] for cloud in clouds]), rng.uniform(880.0, 890.0, (4, 2))
+    fast = inference.Inference(network, dtype)
+    plain = timing.unfolded(network)
+    found = fast.encode(clouds, origins, sensors, 100)
+    expected = plain.encode(pack(clouds, list(origins), sensors - origins[:, :2], 100))
+    poses = torch.cat([expected.center, expected.heading[:, None]], dim=1).double().numpy()
+    np.testing.assert_allclose([each.pose for each in found], poses, atol=tolerance)
+    embeddings = [_as_float(each.embedding) for each in found]
+    np.testing.assert_allclose(embeddings, expected.embedding.numpy(), atol=tolerance, rtol=tolerance)
+    answers_ = fast.align(found[:3], found[1:], 2.0)
+    motion = plain.align(expected.rows(slice(0, 3)), expected.rows(slice(1, 4)))
+    np.testing.assert_allclose(answers_.moved_center, motion.moved_center.numpy(), atol=tolerance)
+    np.testing.assert_allclose(answers_.turn, motion.turn.numpy(), atol=tolerance)
+    covariance = np.full((3, 3, 3), np.nan)
+    if network.precision is not None:
+        turned = np.stack([se3.from_yaw(heading, np.zeros(3))[:3, :3] for heading in motion.heading.tolist()])
+        root = turned @ np.linalg.inv(loss.precision_factor(motion.precision.double()).numpy())
+        covariance = 2.0 * root @ root.transpose(0, 2, 1)
+    np.testing.assert_allclose(answers_.covariance, covariance, rtol=max(2.0 * tolerance, 1e-4), atol=1e-3 * tolerance)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_the_compiled_maximum_is_the_maximum(dtype):
+    rng = np.random.default_rng(0)
+    product = torch.from_numpy(rng.normal(size=(45, 6)).astype(np.float32) - [0, 9, 0, -9, 0, 0]).to(dtype)
+    begin, bias, context = np.array([0, 3, 43, 44]), np.array([0, 8.0, 0.5, 0, -1, 0], np.float32), np.ones((3, 4))
+    found = torch.empty((3, 8), dtype=dtype)
+    inference_kernels.pool(inference._numbers(product), begin, bias, context, 2, inference._numbers(found))
+    best = torch.stack([product[a:b].float().max(dim=0).values for a, b in pairwise(begin)])
+    expected = torch.relu(best + torch.from_numpy(bias)).to(dtype)
+    assert torch.equal(found, torch.cat([expected, torch.ones((3, 2), dtype=dtype)], dim=1))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@torch.no_grad()
+def test_a_layer_of_few_rows_is_the_layer(dtype):
+    layer = learned.network().fine_head.normalised()[0]
+    x = torch.randn(3, layer.weight.shape[1]).to(dtype)
+    found, expected = (made(layer, dtype).forward(x).float() for made in (inference.Dense, FoldedLinear))
+    torch.testing.assert_close(found, expected, rtol=0.01, atol=1e-2 if dtype is torch.bfloat16 else 1e-5)
+
+
+def test_batches_have_few_numbers_of_rows():
+    sizes = [inference.like_sized(n) for n in range(1, 200)]
+    assert all(n <= size <= 1.25 * n for n, size in enumerate(sizes, start=1))
+    assert set(sizes[64:128]) == {80, 96, 112, 128}
 
 
 def test_unpadded_clouds_give_what_clouds_with_repeated_points_give():
-    network = inference.fold(learned.network())
+    network = inference.Inference(learned.network())
     offsets = CAR - CAR.mean(axis=0)
     repeated = np.concatenate([offsets, offsets[:212]])
     assert len(padded(offsets, 512, np.random.default_rng(0))) == 512
-    center = pack([offsets], [np.zeros(3)], np.zeros((1, 2)) - 10.0, 512)
-    again = pack([repeated], [np.zeros(3)], np.zeros((1, 2)) - 10.0, 512)._replace(n_seen=center.n_seen)
-    features = [network.coarse(made.points, made.cloud, 1) for made in (center, again)]
+    frames, context = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]]), np.zeros((1, 4))
+    features = [
+        network.coarse.pooled(points, np.array([0, len(points)]), frames, context, 4) for points in (offsets, repeated)
+    ]
     torch.testing.assert_close(*features)
 
 
 def test_each_cloud_is_encoded_once(make, monkeypatch):
     method, calls = make(), []
-    encode = AlignNet.encode
+    encode = inference.Inference.encode
     monkeypatch.setattr(
-        AlignNet, "encode", lambda self, clouds: calls.append(len(clouds.n_seen)) or encode(self, clouds)
+        inference.Inference, "encode", lambda self, clouds, *a: calls.append(len(clouds)) or encode(self, clouds, *a)
     )
     a, b, c = method.prepare([CAR, CAR + [0.1, 0, 0], CAR + [0.2, 0, 0]])
     method.align([(a, b), (b, c)])
@@ -132,7 +201,7 @@ def test_a_tracker_in_world_axes_says_where_the_sensor_was(tmp_path):
     turned = planar.rotation(np.pi / 2) @ by_sensor.velocity
     np.testing.assert_allclose(by_world.velocity, turned, atol=2e-3)
     (here, _), (there, _) = (prepare_seen_from(method, [CAR], sensors)[0] for sensors in (None, [[3.0, 40.0]]))
-    assert not np.allclose(here.rows[0], there.rows[0])
+    assert not np.allclose(*(_as_float(each.encodings[0].embedding) for each in (here, there)))
 
 
 def test_a_prior_is_fused_by_the_covariances(make):
@@ -225,19 +294,12 @@ def test_the_plain_way_gives_the_same_motions_but_for_the_points_it_draws(tmp_pa
 def test_a_cloud_is_encoded_alike_whatever_is_beside_it(make, precision):
     method = make(precision=precision)
     clouds = [car_cloud(n, seed=n) + [9.0, 0.1 * n, -1.0] for n in (3, 40, 127, 128, 129, 256, 300, 900)]
-    alone = [method.prepare([cloud])[0].rows[0] for cloud in clouds]
+    alone = [method.prepare([cloud])[0].encodings[0] for cloud in clouds]
     for begin, end in ((0, 8), (1, 3), (2, 7)):
-        for row, prepared in zip(alone[begin:end], method.prepare(clouds[begin:end]), strict=True):
-            np.testing.assert_allclose(row, prepared.rows[0], rtol=0.0, atol=1e-6)
-
-
-def test_encodings_come_back_from_rows():
-    network, clouds = learned.network(), learned.clouds(sizes=(30, 5, 200))
-    with torch.no_grad():
-        encoding = network.encode(clouds)
-    rows = inference.to_rows(encoding)
-    for field, kept in zip(encoding, inference.from_rows([rows[2], rows[0]], network), strict=True):
-        assert torch.equal(field[[2, 0]], kept)
+        for own, prepared in zip(alone[begin:end], method.prepare(clouds[begin:end]), strict=True):
+            np.testing.assert_allclose(own.pose, prepared.encodings[0].pose, rtol=0.0, atol=1e-6)
+            embeddings = (_as_float(each.embedding) for each in (own, prepared.encodings[0]))
+            np.testing.assert_allclose(*embeddings, rtol=0.0, atol=1e-6)
 
 
 def test_results_of_a_batch_are_those_of_the_formulas_pair_by_pair():

@@ -18,9 +18,10 @@ def test_a_point_tells_its_laser_and_when_it_fired(sweep):
     assert np.abs(off).max() < np.deg2rad(0.01)
     x, y, _ = sweep.points_lidar.T
     in_front = np.abs(np.arctan2(y, x)) < 2.8  # lasers that look past the cut fire half a turn before or after
-    times = -np.arctan2(y, x) / (2.0 * np.pi) * HDL_64E_KITTI.period + firing_lags([sweep.points_lidar], HDL_64E_KITTI)[0]
+    (lags,) = firing_lags([sweep.points_lidar], HDL_64E_KITTI)
+    times = -np.arctan2(y, x) / (2.0 * np.pi) * HDL_64E_KITTI.period + lags
     np.testing.assert_allclose(times[in_front], sweep.time[in_front], atol=1e-6)
-    assert np.ptp(firing_lags([sweep.points_lidar], HDL_64E_KITTI)[0]) > 4e-3
+    assert np.ptp(lags) > 4e-3
 
 
 def test_points_that_lie_on_no_rings_of_a_sensor_have_no_lags(sweep):

@@ -163,9 +163,7 @@ def _at_once(points: Points) -> _Met:
     return _Met(points, np.zeros(2), None, True, 0.0, False)
 
 
-def _met(
-    sightings: Sequence[Sighting], clouds: Sequence[Points], sensor: Sensor, knows_lasers: bool
-) -> Iterator[_Met]:
+def _met(sightings: Sequence[Sighting], clouds: Sequence[Points], sensor: Sensor, knows_lasers: bool) -> Iterator[_Met]:
     """Put points of a raw sweep to where the beams met them."""
     points, begin = pack_arrays(clouds)
     lags = _lags(sightings, knows_lasers)

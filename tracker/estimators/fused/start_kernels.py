@@ -115,29 +115,37 @@ def _shown(x, k, frame, first, windows, rotations, shown):  # noqa: PLR0913
         places (n, D) and informations (n, D, D); the first of these is none.
     """
     D, last = rotations.shape[1], windows.sizes[k] - 1
-    ends, olders, newers, f = windows.ends, windows.olders, windows.newers, frame + last
-    claimed, doubts = windows.informations, windows.doubts
-    n, own = 1, np.empty((D, D))
+    ends, n = windows.ends, 1
     for c in range(first, first + windows.counts[k]):
         n += 1 if ends[c, 1] == last else 0
     places, informations = np.zeros((n, D)), np.zeros((n, D, D))
     for d in range(D):
         places[0, d] = x[k, 2 * D * last + d]
-    n = 1
+    olders, newers, claimed, doubts = windows.olders, windows.newers, windows.informations, windows.doubts
+    n, own = 1, np.empty((D, D))
     for c in range(first, first + windows.counts[k]):
         if ends[c, 1] != last:
             continue
-        older = ends[c, 0]
-        claims.believe(claimed, doubts, c, 1.0, D, own)
+        older, f = ends[c, 0], frame + ends[c, 0]
         for d in range(D):
             places[n, d] = shown[d] if older == last - 1 else x[k, 2 * D * older + d]
             for e in range(D):
-                places[n, d] += rotations[f, d, e] * newers[c, e] - rotations[frame + older, d, e] * olders[c, e]
-                for p in range(D):
-                    for q in range(D):
-                        informations[n, d, e] += rotations[f, d, p] * own[p, q] * rotations[f, e, q]
+                places[n, d] += rotations[frame + last, d, e] * newers[c, e] - rotations[f, d, e] * olders[c, e]
+        claims.believe(claimed, doubts, c, 1.0, D, own)
+        _turn(own, rotations, frame + last, D, informations, n)
         n += 1
     return places, informations
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _turn(own, rotations, f, D, informations, n):  # noqa: PLR0913
+    """Turn an information from the axes of frame f to steady ones."""
+    for d in range(D):
+        for e in range(D):
+            for p in range(D):
+                for q in range(D):
+                    informations[n, d, e] += rotations[f, d, p] * own[p, q] * rotations[f, e, q]
 
 
 @njit(cache=True, nogil=True)
@@ -152,28 +160,9 @@ def _best(places, informations, expected, uncertain, farthest, tails):
         the likeliest place within reach, that of all, that of those apart from the first of these (NaN where there is
         none) and its probability beside that, and the negative logarithm of the first one's likelihood.
     """
-    (n, D), own = places.shape, np.linalg.inv(uncertain)
-    costs, off, best, likeliest = np.zeros(n), np.empty(D), -1, 0
-    for i in range(n):
-        for d in range(D):
-            off[d] = places[i, d] - expected[d]
-        length2, spread, distance = 0.0, 0.0, 0.0
-        for d in range(D):
-            length2 += off[d] * off[d]
-            for e in range(D):
-                spread += off[d] * uncertain[d, e] * off[e]
-                distance += off[d] * own[d, e] * off[e]
-        costs[i] = heavy_tails.cost(tails[1], 2 * D, distance)
-        is_within = i == 0 or length2 <= farthest * np.sqrt(length2) + 3.0 * np.sqrt(spread)
-        for j in range(1, n):
-            distance = 0.0
-            for d in range(D):
-                for e in range(D):
-                    p, q = places[i, d] - places[j, d], places[i, e] - places[j, e]
-                    distance += p * informations[j, d, e] * q
-            costs[i] += heavy_tails.cost(tails[0], D, distance)
-        best = i if is_within and (best < 0 or costs[i] < costs[best]) else best
-        likeliest = i if costs[i] < costs[likeliest] else likeliest
+    n, D = places.shape
+    costs, is_within = _costs(places, informations, expected, uncertain, farthest, tails)
+    best = np.argmin(np.where(is_within, costs, np.inf))
     contrary, least = -1, costs[best] + UNLIKELY
     for i in range(1, n):
         length2 = 0.0
@@ -185,7 +174,38 @@ def _best(places, informations, expected, uncertain, farthest, tails):
     wide = np.log(np.linalg.det(np.eye(D) + uncertain @ informations.sum(axis=0)))
     share = 0.0 if contrary < 0 else 1.0 / (1.0 + np.exp(least - costs[best]))
     there = places[contrary].copy() if contrary >= 0 else np.full(D, np.nan)
-    return places[best].copy(), places[likeliest].copy(), there, share, costs[best] + 0.5 * wide
+    return places[best].copy(), places[np.argmin(costs)].copy(), there, share, costs[best] + 0.5 * wide
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _costs(places, informations, expected, uncertain, farthest, tails):
+    """Give the negative logarithm of each place's likelihood, and whether it is within reach; see `_best`."""
+    (n, D), own = places.shape, np.linalg.inv(uncertain)
+    costs, is_within = np.zeros(n), np.ones(n, np.bool_)
+    for i in range(n):
+        length2 = spread = distance = 0.0
+        for d in range(D):
+            for e in range(D):
+                p, q = places[i, d] - expected[d], places[i, e] - expected[e]
+                spread, distance = spread + p * uncertain[d, e] * q, distance + p * own[d, e] * q
+            length2 += (places[i, d] - expected[d]) ** 2
+        is_within[i] = i == 0 or length2 <= farthest * np.sqrt(length2) + 3.0 * np.sqrt(spread)
+        costs[i] = heavy_tails.cost(tails[1], 2 * D, distance)
+        for j in range(1, n):
+            costs[i] += heavy_tails.cost(tails[0], D, _apart(places, i, j, informations, D))
+    return costs, is_within
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _apart(places, i, j, informations, D):
+    """Give how far place i is from place j, by the information of that: a squared distance."""
+    distance = 0.0
+    for d in range(D):
+        for e in range(D):
+            distance += (places[i, d] - places[j, d]) * informations[j, d, e] * (places[i, e] - places[j, e])
+    return distance
 
 
 @njit(cache=True, nogil=True)
