@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from registration.neighbours import CELLS_ANYWAY, CELLS_PER_POINT, build_grid, k_nearest, nearest, nearest_many
+from registration import icp_kernels, iterative, planar
+from registration.neighbours import (
+    CELLS_ANYWAY,
+    CELLS_PER_POINT,
+    build_grid,
+    build_grids,
+    k_nearest,
+    nearest,
+    nearest_many,
+    pack,
+    pack_arrays,
+)
 
 
 def car_side(n, seed=0):
@@ -109,3 +120,27 @@ def test_a_grid_keeps_the_cloud_and_leaves_it_as_it_was():
     np.testing.assert_array_equal(cloud, before)
     np.testing.assert_array_equal(grid.points, cloud[::-1][grid.order])
     assert grid.first[-1] == 100
+
+
+def test_grids_of_many_clouds_are_those_of_each():
+    clouds, cells = [car_side(40), np.empty((0, 3)), car_side(7) + [1e6, -1e6, 0.0], car_side(1)], [0.2, 0.1, 0.5, 0.3]
+    found, order = build_grids(*pack_arrays(clouds), np.array(cells))
+    grids = [build_grid(cloud, cell) for cloud, cell in zip(clouds, cells, strict=True)]
+    for one, other in zip(found, pack(grids), strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(order, np.concatenate([grid.order for grid in grids]))
+
+
+def test_many_clouds_are_turned_about_their_own_places_and_centred():
+    clouds = [car_side(40) + [5.0, 2.0, 0.0], np.empty((0, 3)), car_side(3) + [1e6, -1e6, 0.0]]
+    points, begin = pack_arrays(clouds)
+    turns, places, shifts = np.array([0.3, 1.0, -2.0]), np.array([[4.0, 1.0], [0, 0], [1e6, -1e6]]), np.eye(3)[:, :2]
+    icp_kernels.move_all(points, begin, turns, places, shifts)
+    found = iterative.centered(points, begin)
+    assert found.sizes.tolist() == [40, 0, 3]
+    for k, cloud in enumerate(clouds):
+        moved = cloud.copy()
+        moved[:, :2] = (cloud[:, :2] - places[k]) @ planar.rotation(turns[k]).T + places[k] + shifts[k]
+        mean = moved.mean(axis=0) if len(cloud) else np.zeros(3)
+        np.testing.assert_allclose(found.centroids[k], mean, atol=1e-8)
+        np.testing.assert_allclose(found.points[begin[k] : begin[k + 1]], moved - mean, atol=1e-8)
