@@ -25,6 +25,7 @@ from registration.alignnet.products import FoldedLinear
 from registration.types import Points
 
 LIKE_SIZED = 64  # points: batches have some multiple of it
+MADE_BEFORE = 32  # up to so many rows, or so many times LIKE_SIZED points, oneDNN's programs are made with the network
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -63,12 +64,16 @@ class Stage:
         rows = LIKE_SIZED * like_sized(-(-len(points) // LIKE_SIZED))
         layer = torch.empty((rows, len(self.first[1])), dtype=self.dtype)
         inference_kernels.first_layer(points, begin, frames, *self.first, _numbers(layer))
-        for folded in self.middle:
-            layer = folded.forward(layer)  # (n, 128)
-        product = self.last.product(layer)  # (n, d)
+        product = self.product(layer)
         features = torch.empty((len(frames), len(self.bias) + context.shape[1] - first), dtype=self.dtype)
         inference_kernels.pool(_numbers(product), begin, self.bias, context, first, _numbers(features))
         return features
+
+    def product(self, layer: Tensor) -> Tensor:
+        """Give the features of points (n, d), before the last bias and activation, from those of the first layer."""
+        for folded in self.middle:
+            layer = folded.forward(layer)  # (n, 128)
+        return self.last.product(layer)
 
 
 class Dense:
@@ -132,6 +137,15 @@ class Inference:
         self.coarse_head = Answering.of_clouds(network.coarse_head, dtype, branch)
         self.fine_head = Answering.of_clouds(network.fine_head, dtype, branch)
         self.final_head = Answering.of_pairs(network.final_head, dtype, *precision)
+        self._make_programs(dtype, network.final_head.normalised()[0].weight.shape[1])
+
+    @torch.inference_mode()
+    def _make_programs(self, dtype: torch.dtype, d_pair: int) -> None:
+        """Let oneDNN make its programs, in a tenth of a second, so that no frame waits for them; see `like_sized`."""
+        for n in sorted({like_sized(n) for n in range(1, MADE_BEFORE + 1)}):
+            for stage in (self.coarse, self.fine, self.embedding):
+                stage.product(torch.zeros((LIKE_SIZED * n, len(stage.first[1])), dtype=dtype))
+            self.final_head.hidden(torch.zeros((n, d_pair), dtype=dtype))
 
     @torch.inference_mode()
     def encode(

@@ -115,7 +115,8 @@ def look(segment: Segment, T_world_lidar: Transform | None, undoes_sweep: bool =
     points_lidar = segment.points_lidar
     if segment.sweep is not None and not is_swept:
         points_lidar = moved_to_one_instant(points_lidar, segment.sweep, segment.seen_after)
-    points = se3.transform(T, points_lidar) - [0.0, 0.0, _ground_z(segment, T_world_lidar)]
+    points = se3.transform(T, points_lidar)
+    points[:, 2] -= _ground_z(segment, T_world_lidar)
     columns = np.ascontiguousarray(points.T)  # over rows of three NumPy takes up to fifteen times as long
     midpoint = 0.5 * (columns.min(axis=1) + columns.max(axis=1))
     sensor = T[:2, 3].copy()
