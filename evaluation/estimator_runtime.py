@@ -99,7 +99,6 @@ def time_estimators(
     check_list("estimators", names)
     icp = PairByPair(load_open3d("the comparison with Open3D's ICP"))
     efforts: dict[str, list[Effort]] = {name: [] for name in (*names, PEER)}
-    gc.collect()  # what loading libraries leaves behind is on nobody's bill; what estimators do is
     for store in stores:
         _time_sequence(store, classes, seed, icp, efforts, progress)
     if not efforts[PEER]:
@@ -120,6 +119,7 @@ def _time_sequence(
 ) -> None:
     """Go through a sequence from its start with new estimators, and add what each frame took."""
     estimators = {name: create_estimator(name, seed=seed) for name in efforts if name != PEER}
+    gc.collect()  # what loading libraries leaves behind is on nobody's bill; what estimators do is
     last: Mapping[int, Segment] = {}
     for k, frame in enumerate(store.frames()):
         segments = of_classes(frame.segments, classes)

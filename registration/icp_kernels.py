@@ -44,26 +44,6 @@ CONVERGED, NOT_CONVERGED, NO_OVERLAP, TOO_FEW_POINTS, EMPTY = range(5)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def center(points):
-    """Move a non-empty cloud to its mean, in place; give the mean and the horizontal covariance (xx, xy, yy)."""
-    mean = np.zeros(3)
-    xx = xy = yy = 0.0
-    for axis in range(3):
-        origin = points[0, axis]  # sums of small numbers keep their digits where coordinates are kilometres
-        for i in range(len(points)):
-            mean[axis] += points[i, axis] - origin
-        mean[axis] = origin + mean[axis] / len(points)
-        for i in range(len(points)):
-            points[i, axis] -= mean[axis]
-    for i in range(len(points)):
-        xx += points[i, 0] * points[i, 0]
-        xy += points[i, 0] * points[i, 1]
-        yy += points[i, 1] * points[i, 1]
-    return mean, (xx / len(points), xy / len(points), yy / len(points))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-@typing.no_type_check
 def move_all(points, begin, turns, places, shifts):
     """Turn clouds about places of their own, counter-clockwise [rad], and shift them (x, y) [m]; in place.
 
@@ -80,12 +60,15 @@ def move_all(points, begin, turns, places, shifts):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def center_all(points, begin, means):
-    """Move clouds to their means, in place; `means` becomes these, zero for an empty cloud."""
+def center_all(points, begin, means, scatters):
+    """Move clouds to their means, in place.
+
+    `means` becomes these, and `scatters` the horizontal covariances (xx, xy, yy); zero for an empty cloud.
+    """
     for k in range(len(begin) - 1):
         a, b = begin[k], begin[k + 1]
         for axis in range(3):
-            means[k, axis] = 0.0
+            means[k, axis] = scatters[k, axis] = 0.0
             if a < b:
                 origin = points[a, axis]  # sums of small numbers keep their digits where coordinates are kilometres
                 for i in range(a, b):
@@ -93,6 +76,10 @@ def center_all(points, begin, means):
                 means[k, axis] = origin + means[k, axis] / (b - a)
             for i in range(a, b):
                 points[i, axis] -= means[k, axis]
+        for i in range(a, b):
+            scatters[k, 0] += points[i, 0] * points[i, 0] / (b - a)
+            scatters[k, 1] += points[i, 0] * points[i, 1] / (b - a)
+            scatters[k, 2] += points[i, 1] * points[i, 1] / (b - a)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

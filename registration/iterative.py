@@ -90,15 +90,17 @@ class BatchMethod(PairMethod):
 
 def prepare(points: Points, cell: float) -> Cloud:
     """Centre a cloud and sort it into cells of side `cell` [m]."""
-    offsets = np.array(points, order="C")
-    centroid, scatter = icp_kernels.center(offsets) if len(points) else (np.zeros(3), (0.0, 0.0, 0.0))
-    return Cloud(points, centroid, scatter, neighbours.build_grid(offsets, cell))
+    offsets, own = np.array(points, order="C"), np.array([0, len(points)])
+    centroids, scatters = np.empty((2, 1, 3))
+    icp_kernels.center_all(offsets, own, centroids, scatters)
+    xx, xy, yy = scatters[0].tolist()
+    return Cloud(points, centroids[0], (xx, xy, yy), neighbours.build_grid(offsets, cell))
 
 
 def centered(points: Points, begin: Int64[np.ndarray, " _"]) -> Clouds:
     """Move clouds that lie one after the other to their centroids, in place."""
-    centroids = np.empty((len(begin) - 1, 3))
-    icp_kernels.center_all(points, begin, centroids)
+    centroids, scatters = np.empty((2, len(begin) - 1, 3))
+    icp_kernels.center_all(points, begin, centroids, scatters)
     return Clouds(points, begin, centroids)
 
 

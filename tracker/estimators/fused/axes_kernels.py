@@ -63,6 +63,18 @@ def to_steady(windows, angles, D):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
+def turn(own, rotations, j, D, information):
+    """Turn an information from the axes of frame j to steady ones, into `information`."""
+    for d in range(D):
+        for e in range(D):
+            information[d, e] = 0.0
+            for p in range(D):
+                for q in range(D):
+                    information[d, e] += rotations[j, d, p] * own[p, q] * rotations[j, e, q]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
 def in_own_axes(x, H, levers, common, windows, angles, D):
     """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H."""
     state, rotations = np.zeros(windows.state.shape), to_steady(windows, angles, D)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from tracker.estimators.fused import claims, heavy_tails
+from tracker.estimators.fused import axes_kernels, claims, heavy_tails
 
 APART = 0.3  # of places that shapes would not find from each other [m]
 UNLIKELY = 9.0  # difference of negative logarithms from which a place is no more thought of
@@ -132,20 +132,9 @@ def _shown(x, k, frame, first, windows, rotations, shown):  # noqa: PLR0913
             for e in range(D):
                 places[n, d] += rotations[frame + last, d, e] * newers[c, e] - rotations[f, d, e] * olders[c, e]
         claims.believe(claimed, doubts, c, 1.0, D, own)
-        _turn(own, rotations, frame + last, D, informations, n)
+        axes_kernels.turn(own, rotations, frame + last, D, informations[n])
         n += 1
     return places, informations
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _turn(own, rotations, f, D, informations, n):  # noqa: PLR0913
-    """Turn an information from the axes of frame f to steady ones."""
-    for d in range(D):
-        for e in range(D):
-            for p in range(D):
-                for q in range(D):
-                    informations[n, d, e] += rotations[f, d, p] * own[p, q] * rotations[f, e, q]
 
 
 @njit(cache=True, nogil=True)

@@ -220,7 +220,7 @@ def _add_object(H, b, L, A, a, x, k, frame, comparison, windows, motions, rotati
                 at[0, d] += rotations[j, d, e] * newers[c, e]
                 at[1, d] += rotations[i, d, e] * olders[c, e]
             step[d] = at[0, d] - at[1, d]
-        _turn(own, rotations, j, D, information)
+        axes_kernels.turn(own, rotations, j, D, information)
         distance = _distance(x, older, newer, step, information, D)
         weight = heavy_tails.weight(tails[0], D, distance)
         for d in range(D):
@@ -279,18 +279,6 @@ def _add_changes(H, x, times, density, scale, D):
             for p in range(3):
                 for q in range(3):
                     H[first + 2 * D * p + d, first + 2 * D * q + d] += information * c[p] * c[q]
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _turn(own, rotations, j, D, information):
-    """Turn an information from the axes of frame j to steady ones, into `information`."""
-    for d in range(D):
-        for e in range(D):
-            information[d, e] = 0.0
-            for p in range(D):
-                for q in range(D):
-                    information[d, e] += rotations[j, d, p] * own[p, q] * rotations[j, e, q]
 
 
 @njit(cache=True, nogil=True)
