@@ -53,68 +53,72 @@ class Stage:
 
     def __init__(self, encoder: PointEncoder, dtype: torch.dtype, branch: int = 0) -> None:
         first, *middle, last = encoder.normalised()
-        self.dtype = dtype
+        self.number = np.int16 if dtype is torch.bfloat16 else np.float32
         self.first = _arrays(FoldedLinear(first, torch.float32, branch, pack=False))
         self.middle = [FoldedLinear(layer, dtype, branch) for layer in middle]
         self.last = FoldedLinear(last, dtype, branch)
         self.bias = _arrays(FoldedLinear(last, torch.float32, branch, pack=False))[1]
 
-    def pooled(self, points: Points, begin: Begin, frames: Frames, context: Context, first: int) -> Tensor:
+    def pooled(self, points: Points, begin: Begin, frames: Frames, context: Context, first: int) -> Stored:
         """Encode clouds in their axes; what they are told beside their points, from `first` on, comes behind that."""
         rows = LIKE_SIZED * like_sized(-(-len(points) // LIKE_SIZED))
-        layer = torch.empty((rows, len(self.first[1])), dtype=self.dtype)
-        inference_kernels.first_layer(points, begin, frames, *self.first, _numbers(layer))
-        product = self.product(layer)
-        features = torch.empty((len(frames), len(self.bias) + context.shape[1] - first), dtype=self.dtype)
-        inference_kernels.pool(_numbers(product), begin, self.bias, context, first, _numbers(features))
+        layer = np.empty((rows, len(self.first[1])), dtype=self.number)
+        inference_kernels.first_layer(points, begin, frames, *self.first, layer)
+        features = np.empty((len(frames), len(self.bias) + context.shape[1] - first), dtype=self.number)
+        inference_kernels.pool(self.product(layer), begin, self.bias, context, first, features)
         return features
 
-    def product(self, layer: Tensor) -> Tensor:
+    def product(self, first: Stored) -> Stored:
         """Give the features of points (n, d), before the last bias and activation, from those of the first layer."""
+        layer = _features(first)
         for folded in self.middle:
             layer = folded.forward(layer)  # (n, 128)
-        return self.last.product(layer)
+        return _numbers(self.last.product(layer))
 
 
 class Dense:
     """A layer of a head that sees one row a cloud: few of them, for which a compiled loop is faster than oneDNN."""
 
     def __init__(self, layer: NormalisedLinear, dtype: torch.dtype, branch: int = 0) -> None:
-        self.dtype = dtype
         self.weight = np.ascontiguousarray(_numbers(FoldedLinear(layer, dtype, branch, pack=False).weight).T)
         self.bias = _arrays(FoldedLinear(layer, torch.float32, branch, pack=False))[1]
 
-    def forward(self, features: Tensor) -> Tensor:
+    def forward(self, features: Stored) -> Stored:
         """Map and rectify a batch."""
-        found = torch.empty((len(features), len(self.bias)), dtype=self.dtype)
-        inference_kernels.dense(_numbers(features), self.weight, self.bias, _numbers(found))
+        found = np.empty((len(features), len(self.bias)), dtype=self.weight.dtype)
+        inference_kernels.dense(features, self.weight, self.bias, found)
         return found
 
 
 class Answering:
-    """A `Head`, but for what its last layer's numbers mean; several last layers lie beside each other."""
+    """A `Head` that sees a row a cloud, but for what its last layer's numbers mean."""
 
-    def __init__(self, layers: Sequence[Dense | FoldedLinear], *outputs: nn.Linear) -> None:
-        self.layers = layers
-        weights, biases = zip(
-            *(_arrays(FoldedLinear(each, torch.float32, pack=False)) for each in outputs), strict=True
-        )
-        self.output = np.concatenate(weights, axis=1), np.concatenate(biases)
+    def __init__(self, head: Head, dtype: torch.dtype, branch: int = 0) -> None:
+        self.layers = [Dense(layer, dtype, branch) for layer in head.normalised()]
+        self.output = _arrays(FoldedLinear(head.output, torch.float32, pack=False))
 
-    @classmethod
-    def of_clouds(cls, head: Head, dtype: torch.dtype, branch: int) -> "Answering":
-        """Make one that sees a row a cloud."""
-        return cls([Dense(layer, dtype, branch) for layer in head.normalised()], head.output)
-
-    @classmethod
-    def of_pairs(cls, head: Head, dtype: torch.dtype, *beside: nn.Linear) -> "Answering":
-        """Make one that sees a row a pair, of which there are several a cloud."""
-        return cls([FoldedLinear(layer, dtype) for layer in head.normalised()], head.output, *beside)
-
-    def hidden(self, features: Tensor) -> Stored:
+    def hidden(self, features: Stored) -> Stored:
         """Give the features before the last layer."""
         for layer in self.layers:
             features = layer.forward(features)  # (b, 512), (b, 256)
+        return features
+
+
+class AnsweringPairs:
+    """A `Head` that sees a row a pair, of which there are several a cloud; several last layers lie beside each other."""
+
+    def __init__(self, head: Head, dtype: torch.dtype, *beside: nn.Linear) -> None:
+        self.layers = [FoldedLinear(layer, dtype) for layer in head.normalised()]
+        weights, biases = zip(
+            *(_arrays(FoldedLinear(each, torch.float32, pack=False)) for each in (head.output, *beside)), strict=True
+        )
+        self.output = np.concatenate(weights, axis=1), np.concatenate(biases)
+
+    def hidden(self, numbers: Stored) -> Stored:
+        """Give the features before the last layer."""
+        features = _features(numbers)
+        for layer in self.layers:
+            features = layer.forward(features)  # (m, 512), (m, 256)
         return _numbers(features)
 
 
@@ -134,18 +138,18 @@ class Inference:
         self.architecture = network.architecture
         self.coarse, self.fine = Stage(network.coarse, dtype, branch), Stage(network.fine, dtype, branch)
         self.embedding = Stage(network.embedding, dtype, branch)
-        self.coarse_head = Answering.of_clouds(network.coarse_head, dtype, branch)
-        self.fine_head = Answering.of_clouds(network.fine_head, dtype, branch)
-        self.final_head = Answering.of_pairs(network.final_head, dtype, *precision)
-        self._make_programs(dtype, network.final_head.normalised()[0].weight.shape[1])
+        self.coarse_head = Answering(network.coarse_head, dtype, branch)
+        self.fine_head = Answering(network.fine_head, dtype, branch)
+        self.final_head = AnsweringPairs(network.final_head, dtype, *precision)
+        self._make_programs(network.final_head.normalised()[0].weight.shape[1])
 
     @torch.inference_mode()
-    def _make_programs(self, dtype: torch.dtype, d_pair: int) -> None:
+    def _make_programs(self, d_pair: int) -> None:
         """Let oneDNN make its programs, in a tenth of a second, so that no frame waits for them; see `like_sized`."""
         for n in sorted({like_sized(n) for n in range(1, MADE_BEFORE + 1)}):
             for stage in (self.coarse, self.fine, self.embedding):
-                stage.product(torch.zeros((LIKE_SIZED * n, len(stage.first[1])), dtype=dtype))
-            self.final_head.hidden(torch.zeros((n, d_pair), dtype=dtype))
+                stage.product(np.zeros((LIKE_SIZED * n, len(stage.first[1])), dtype=stage.number))
+            self.final_head.hidden(np.zeros((n, d_pair), dtype=self.embedding.number))
 
     @torch.inference_mode()
     def encode(
@@ -173,7 +177,7 @@ class Inference:
         for stage, head in ((self.coarse, self.coarse_head), (self.fine, self.fine_head)):
             hidden = head.hidden(stage.pooled(points, begin, frames, context, told))  # heads know no direction
             inference_kernels.move(hidden, *head.output, self.architecture.translation_dims, frames, context)
-        embeddings = _numbers(self.embedding.pooled(points, begin, frames, context, all_told))
+        embeddings = self.embedding.pooled(points, begin, frames, context, all_told)
         poses = np.column_stack([frames[:, :3] - origins, frames[:, 5]])
         return list(map(Encoding, poses, embeddings))
 
@@ -188,7 +192,7 @@ class Inference:
         m, a = len(sources), self.architecture
         both = [each.embedding for pair in zip(sources, targets, strict=True) for each in pair]
         nothing = [np.zeros_like(both[0])] * (2 * (like_sized(m) - m))
-        features = _features(np.concatenate([*both, *nothing]).reshape(like_sized(m), -1))
+        features = np.concatenate([*both, *nothing]).reshape(like_sized(m), -1)
         poses = np.array([each.pose for side in (sources, targets) for each in side]).reshape(2, m, -1)
         motions, covariances = np.empty((m, 7)), np.empty((m, 3, 3))
         inference_kernels.compare(
