@@ -649,3 +649,32 @@ def _compare_with_planes(  # noqa: PLR0913
     leaning[2, 0], leaning[2, 1], leaning[2, 2] = lxt, lyt, ltt
     gradient[0], gradient[1], gradient[2], gradient[3] = gx, gy, gt, gz
     return n_planes
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def covariances(outcomes, informations, known, sizes, variance, shares):  # noqa: PLR0913
+    """Bound the errors of motions that planes found; see `plane_icp.Iterated.covariances`.
+
+    Args:
+        outcomes, informations: see `point_to_plane`; of n pairs.
+        known: inverse covariances of the starts (n, 3, 3).
+        sizes: points of both clouds (n, 2).
+        variance: of a point's distance to its plane, by the informations [m^2].
+        shares: of variances: for each pair of points, over the points of the smaller cloud, for the square of the share
+            that is apart, a factor where iterations did not settle, and of any shift.
+    """
+    shared, sampling, apart, unsettled, floor = shares
+    found = np.empty((len(outcomes), 3, 3))
+    for k in range(len(found)):
+        n_pairs, fewest = outcomes[k, 1], max(min(sizes[k, 0], sizes[k, 1]), 1)
+        alone = 1.0 - n_pairs / max(sizes[k, 0], 1)
+        own = shared * n_pairs + sampling / fewest + apart * alone * alone
+        own *= 1.0 if outcomes[k, 0] == CONVERGED else unsettled
+        covariance = np.linalg.inv(informations[k] * (variance / own) + known[k])
+        for i in range(3):
+            for j in range(3):
+                found[k, i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
+        found[k, 0, 0] += floor
+        found[k, 1, 1] += floor
+    return found

@@ -20,28 +20,28 @@ class Answers:
     """What the network says of n pairs, in float64; positions relative to each cloud's own mean.
 
     Attributes:
-        center, moved_center: the object's centre in the source, and in the target [m].
-        turn: of the object [rad].
+        motions: the object's centre in the source, in the target [m], and its turn [rad].
         covariance: of the motion (x, y, yaw) about the centre, in the axes of the clouds; NaN where the network
             predicts none.
     """
 
-    center: Places
-    moved_center: Places
-    turn: Numbers
+    motions: Float64[np.ndarray, "n 7"]
     covariance: Float64[np.ndarray, "n 3 3"]
 
     @property
-    def offset(self) -> Numbers:
-        """How far the object's centre is from the mean of its points, along x or y in either cloud [m]."""
-        both = np.concatenate([self.center[:, :2], self.moved_center[:, :2]], axis=1)
-        return np.abs(both).max(axis=1)
+    def center(self) -> Places:
+        """The object's centre in the source [m]."""
+        return self.motions[:, :3]
 
     @property
-    def spread(self) -> Numbers:
-        """Largest standard deviation of the shift in any direction [m]; NaN where the network predicts none."""
-        xx, xy, yy = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
-        return np.sqrt(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))
+    def moved_center(self) -> Places:
+        """The object's centre in the target [m]."""
+        return self.motions[:, 3:6]
+
+    @property
+    def turn(self) -> Numbers:
+        """By how much the object turned [rad]."""
+        return self.motions[:, 6]
 
     def covariances_about(self, arms: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3 3"]:
         """Carry the covariances from the objects' centres to places so far from there, in the source [m]."""
@@ -76,12 +76,6 @@ def results(
         )
         for k in range(len(turn))
     ]
-
-
-def nearest_turns(turn: Numbers, expected: Numbers) -> Numbers:
-    """Give each turn, or half a turn more or less, whichever is nearer to what is expected [rad]; in (-pi, pi]."""
-    off = (turn - expected + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-    return planar.wrap_all(expected + off)
 
 
 def fused(found: RegistrationResult, prior: MotionPrior) -> RegistrationResult:

@@ -105,7 +105,7 @@ class Answering:
 
 
 class AnsweringPairs:
-    """A `Head` that sees a row a pair, of which there are several a cloud; several last layers lie beside each other."""
+    """A `Head` that sees a row a pair, of which there are several a cloud; last layers lie beside each other."""
 
     def __init__(self, head: Head, dtype: torch.dtype, *beside: nn.Linear) -> None:
         self.layers = [FoldedLinear(layer, dtype) for layer in head.normalised()]
@@ -206,7 +206,7 @@ class Inference:
             motions,
             covariances,
         )
-        return Answers(motions[:, :3], motions[:, 3:6], motions[:, 6], covariances)
+        return Answers(motions, covariances)
 
 
 def like_sized(n: int) -> int:

@@ -270,6 +270,31 @@ def compare(hidden, weight, bias, dims, is_composed, n_precision, scale, sources
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
+def judge(motions, covariances, expected, are_folded, farthest, widest):  # noqa: PLR0913
+    """Say where the network does not know, or contradicts the clouds (m); fold turns to what is expected.
+
+    Args:
+        motions: see `compare` (m, 7); turns become those, or half a turn more or less, that are nearest to `expected`.
+        covariances: (m, 3, 3).
+        expected: turns (m) [rad].
+        are_folded: whether front and back do not differ; else turns stay as they are.
+        farthest: that an object's centre may be from the mean of its points, along x or y in either cloud [m].
+        widest: largest standard deviation of the shift, in any direction, of an answer [m].
+    """
+    is_doubtful = np.empty(len(motions), np.bool_)
+    for k in range(len(motions)):
+        if are_folded:
+            off = (motions[k, 6] - expected[k] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+            motions[k, 6] = np.pi - (np.pi - expected[k] - off) % TURN
+        centers = max(abs(motions[k, 0]), abs(motions[k, 1])), max(abs(motions[k, 3]), abs(motions[k, 4]))
+        xx, xy, yy = covariances[k, 0, 0], covariances[k, 0, 1], covariances[k, 1, 1]
+        variance = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)  # NaN where none is predicted: no doubt
+        is_doubtful[k] = max(centers) > farthest or variance > widest**2
+    return is_doubtful
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
 def _spread(numbers, k, first, heading, scale, covariances):  # noqa: PLR0913
     """Give the covariance of a precision's six numbers (see `loss.precision_factor`), turned by a heading."""
     xx = 10.0 * math.exp(min(max(float(numbers[k, first]), -6.0), 6.0))

@@ -1,7 +1,7 @@
 """The network as a registration method: numpy clouds in, planar motions with covariances out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from numpy.typing import ArrayLike
 
-from registration.alignnet import answers, checkpoint, inference
+from registration.alignnet import answers, checkpoint, inference, inference_kernels
 from registration.alignnet.answers import Answers
 from registration.alignnet.inference import Encoding, Inference
 from registration.alignnet.timing import PlainWay
@@ -152,10 +152,9 @@ class LearnedRegistration(PairMethod):
             )
         sources, targets = zip(*known, strict=True)
         found = networks[0].align(sources, targets, about.covariance_scale)
-        if self.fold_turn:
-            expected = np.zeros(len(pairs)) if turns is None else turns
-            found = replace(found, turn=answers.nearest_turns(found.turn, expected))
-        return found, (found.offset > self.max_offset) | (found.spread > self.max_spread)
+        expected = np.zeros(len(pairs)) if turns is None else turns
+        limits = float(self.max_offset), float(self.max_spread)
+        return found, inference_kernels.judge(found.motions, found.covariance, expected, self.fold_turn, *limits)
 
     def center(self, cloud: Cloud) -> Point | None:
         """Say where the network believes the object's centre [m]; None where there are too few points to tell."""

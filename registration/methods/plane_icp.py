@@ -203,12 +203,10 @@ class Iterated:
         Args:
             known: inverse covariances of the starts, as they are taken afterwards.
         """
-        fewest = np.maximum(self.sizes.min(axis=1), 1)
-        variances = PLANE_SHARED**2 * self.outcomes[:, 1] + PLANE_SAMPLING**2 / fewest + PLANE_APART**2 * self.apart**2
-        variances[self.outcomes[:, 0] != icp_kernels.CONVERGED] *= UNSETTLED**2
-        covariances = np.linalg.inv(self.informations * (self.noise**2 / variances)[:, None, None] + known)
-        covariances[:, :2, :2] += PLANE_FLOOR**2 * np.eye(2)
-        found: Float64[np.ndarray, "n 3 3"] = 0.5 * (covariances + covariances.transpose(0, 2, 1))
+        shares = PLANE_SHARED**2, PLANE_SAMPLING**2, PLANE_APART**2, UNSETTLED**2, PLANE_FLOOR**2
+        found: Float64[np.ndarray, "n 3 3"] = icp_kernels.covariances(
+            self.outcomes, self.informations, known, self.sizes, self.noise**2, shares
+        )
         return found
 
     def is_degenerate(self, unsure: float) -> Bool[np.ndarray, " n"]:

@@ -11,7 +11,6 @@ import torch
 import registration
 from registration import planar, se3
 from registration.alignnet import answers, checkpoint, folding, inference, inference_kernels, loss, timing
-from registration.alignnet.answers import nearest_turns
 from registration.alignnet.errors import WeightsError
 from registration.alignnet.method import AlignNetCars
 from registration.alignnet.packing import pack, padded, thinned
@@ -233,8 +232,24 @@ def test_what_the_network_is_not_sure_of_is_no_success(make):
 
 
 def test_front_and_back_are_told_apart_by_how_far_objects_turn():
-    turns = nearest_turns(np.array([3.0, 0.2, 0.2, 3.0]), np.array([0.0, 0.0, 3.0, -3.0]))
-    np.testing.assert_allclose(turns, [3.0 - np.pi, 0.2, 0.2 - np.pi, 3.0])
+    motions, covariances = np.zeros((4, 7)), np.zeros((4, 3, 3))
+    motions[:, 6] = told = [3.0, 0.2, 0.2, 3.0]
+    inference_kernels.judge(motions, covariances, np.array([0.0, 0.0, 3.0, -3.0]), False, 8.0, 1.5)
+    np.testing.assert_array_equal(motions[:, 6], told)
+    inference_kernels.judge(motions, covariances, np.array([0.0, 0.0, 3.0, -3.0]), True, 8.0, 1.5)
+    np.testing.assert_allclose(motions[:, 6], [3.0 - np.pi, 0.2, 0.2 - np.pi, 3.0])
+
+
+def test_an_answer_is_doubted_where_it_is_wide_or_far_from_the_cloud():
+    motions, root = np.zeros((5, 7)), np.random.default_rng(0).normal(size=(3, 3))
+    covariances = np.tile(root @ root.T, (5, 1, 1))
+    motions[2, 1], motions[3, 3] = -8.1, 8.1
+    covariances[4] = np.nan
+    widest = np.sqrt(np.linalg.eigvalsh(covariances[0, :2, :2]).max())
+    nothing = np.zeros(5)
+    sure = inference_kernels.judge(motions, covariances, nothing, True, 8.0, 1.001 * widest)
+    np.testing.assert_array_equal(sure, [False, False, True, True, False])
+    assert inference_kernels.judge(motions, covariances, nothing, True, 8.0, 0.999 * widest)[:4].all()
 
 
 def test_large_clouds_are_thinned_evenly_and_always_alike():
@@ -307,9 +322,7 @@ def test_results_of_a_batch_are_those_of_the_formulas_pair_by_pair():
     rng = np.random.default_rng(0)
     root = rng.normal(size=(5, 3, 3))
     found = answers.Answers(
-        center=rng.normal(size=(5, 3)) * [1, 1, 0],
-        moved_center=rng.normal(size=(5, 3)) * [1, 1, 0],
-        turn=rng.uniform(-1.0, 1.0, 5),
+        motions=rng.uniform(-1.0, 1.0, (5, 7)) * [1, 1, 0, 1, 1, 0, 1],
         covariance=0.01 * root @ root.transpose(0, 2, 1),
     )
     sources, targets = rng.normal(size=(2, 5, 3)) + [10.0, 5.0, -1.0]
@@ -321,7 +334,6 @@ def test_results_of_a_batch_are_those_of_the_formulas_pair_by_pair():
         expected = planar.transport_covariance(found.covariance[k], found.turn[k], center[:2], sources[k, :2])
         np.testing.assert_allclose(result.covariance, expected, atol=1e-7)
         assert result.T_target_source[2, 3] == pytest.approx(targets[k, 2] - sources[k, 2])
-        assert found.spread[k] ** 2 == pytest.approx(np.linalg.eigvalsh(found.covariance[k, :2, :2]).max())
 
 
 def test_the_plain_way_of_a_method_runs_its_own_weights(make):

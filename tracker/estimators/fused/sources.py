@@ -10,10 +10,10 @@ from registration import icp_kernels, iterative, neighbours, planar, se3, uncert
 from registration.alignnet.method import AlignNetCars, AlignNetPersons
 from registration.methods.adh import AnnealedHistograms3D
 from registration.methods.plane_icp import ROUNDING, PointToPlaneICP
-from registration.types import MotionPrior, PlanarCovariance, Points, RegistrationResult
+from registration.types import MotionPrior, Points, RegistrationResult
 from tracker.estimators.contract import Sighting
+from tracker.estimators.fused import source_kernels
 from tracker.estimators.fused.look import Encoding, Look, Networks, thinned
-from tracker.estimators.fused.window import Vector
 
 PERSONS = {"pedestrian", "person", "person_sitting", "cyclist"}  # classes that the network for persons is asked about
 # Planes count for what lies beside them as far as they were fitted, and rings on hoods are no walls: see docs/fused.md.
@@ -38,7 +38,8 @@ LEAST = 1e-3  # a direction with less than this share of the information counts 
 Vectors = Float64[np.ndarray, "m 2"]
 Squares = Float64[np.ndarray, "m 2 2"]
 PlanarCovariances = Float64[np.ndarray, "m 3 3"]
-Moved = tuple[Float64[np.ndarray, " m"], Vectors, PlanarCovariances]  # turns, steps of the places, their covariances
+# turns, steps of the places, and covariances of these (xx, xy, yy) and variance of the turn
+Moved = tuple[Float64[np.ndarray, " m"], Vectors, Float64[np.ndarray, "m 4"]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,32 +131,31 @@ class Shape:
             chosen[:2, :2] = laid.covariances[k] if is_sure[k] else chosen[:2, :2]
             chosen[2, 2] = laid.turn_variances[k]
             covariances[k] = chosen
-        at = laid.places + laid.shifts
-        is_refined, (turns, steps, known) = _refined(self._planes, laid, newer, means, covariances)
-        is_told = is_refined.copy()
-        for k in set(np.flatnonzero(~is_refined).tolist()) & found.keys():  # what was found before
-            turns[k], steps[k], known[k] = _about(found[k], at[k])
-            is_told[k] = True
-        was_searched = np.zeros_like(is_sure)
-        was_searched[searched] = ~is_sure[searched]  # else it has chosen between two places only
-        priors = laid.covariances + was_searched[:, None, None] * laid.contraries
-        informations = np.where(is_told[:, None, None], planar.inverses(known[:, :2, :2]), 0.0)
-        is_prior = laid.is_expected & is_told
-        informations[is_prior] = _without(informations[is_prior], planar.inverses(priors[is_prior]))
-        informations /= np.where(was_searched, SEARCHED_SHARE, SHAPE_SHARE * _denser(seen))[:, None, None]
-        variances = TURN_SHARE * known[:, 2, 2] + (TURN_SAMPLING / seen) ** 2
-        return Evidence(
-            steps=np.where(is_told[:, None], steps + laid.shifts, 0.0),
-            informations=informations,
-            turns=planar.wrap_all(turns + laid.turns),
-            turn_variances=np.where(is_refined, variances, np.inf),
-            was_searched=was_searched,
-        )
+        turns, steps, known = np.zeros(len(seen)), np.zeros((len(seen), 2)), np.ones((len(seen), 4))
+        for k, result in found.items():  # for where planes have no say
+            at = laid.places[k] + laid.shifts[k]
+            covariance = planar.transport_covariance(result.covariance, 0.0, result.source_centroid[:2], at)
+            turns[k], steps[k] = se3.yaw(result.T_target_source), result.motion_about(np.array([*at, 0.0]))[:2]
+            known[k] = covariance[0, 0], covariance[0, 1], covariance[1, 1], covariance[2, 2]
+        is_refined = _refined(self._planes, laid, newer, (means, covariances), (turns, steps, known))
+        was_searched, is_told, priors = np.zeros_like(is_sure), is_refined.copy(), laid.covariances
+        if len(searched):
+            was_searched[searched] = ~is_sure[searched]  # else it has chosen between two places only
+            is_told[searched] = True
+            priors = priors + was_searched[:, None, None] * laid.contraries
+        shares = np.where(was_searched, SEARCHED_SHARE, SHAPE_SHARE * _denser(seen))
+        expected, informations = (laid.shifts, priors, laid.turns, laid.is_expected), np.empty((len(seen), 2, 2))
+        source_kernels.weigh(known, expected, is_told, shares, LEAST, (steps, turns, informations))
+        variances = TURN_SHARE * known[:, 3] + (TURN_SAMPLING / seen) ** 2
+        variances[~is_refined] = np.inf
+        return Evidence(steps, informations, turns, variances, was_searched)
 
     def _searched(
         self, laid: Laid, targets: Sequence[Look], searched: Int64[np.ndarray, " s"], covariances: PlanarCovariances
     ) -> dict[int, RegistrationResult]:
         """Search around, for those that are not expected surely enough, or have too few points for planes."""
+        if not len(searched):
+            return {}
         numbers = searched.tolist()
         places = [targets[k].sensor.place for k in numbers]
         sources = self._search.prepare([laid.moved(k, laid.earlier[k].points) for k in numbers], places)
@@ -181,38 +181,33 @@ def _refined(
     planes: PointToPlaneICP,
     laid: Laid,
     newer: Sequence[Look],
-    means: Float64[np.ndarray, "m 3"],
-    covariances: PlanarCovariances,
-) -> tuple[Bool[np.ndarray, " m"], Moved]:
-    """Refine motions by planes; say where these had a say, and what they tell of places in the earlier clouds.
+    believed: tuple[Float64[np.ndarray, "m 3"], PlanarCovariances],
+    moved: Moved,
+) -> Bool[np.ndarray, " m"]:
+    """Refine motions by planes; say where these had a say, and put what they tell of places in the earlier clouds.
 
     Args:
         planes: how.
         laid: what is laid on what.
         newer: looks.
-        means: of what is believed of the motions beside those expected, about the clouds' centroids.
-        covariances: of that.
+        believed: means of the motions beside those expected, about the clouds' centroids, and their covariances.
+        moved: changed.
     """
-    own, starts, doubts = np.array(laid.newer), means.copy(), covariances + ROUNDING * np.eye(3)
+    own, (starts, covariances) = np.array(laid.newer), believed
     points, begin = neighbours.pack_arrays([thinned(look.points, SHAPE_POINTS) for look in laid.earlier])
     points = points.copy() if len(own) == 1 else points
     icp_kernels.move_all(points, begin, laid.turns, laid.places, laid.shifts)
     sources = iterative.centered(points, begin)
     points, begin = neighbours.pack_arrays([look.points for look in newer])
     surfaces = iterative.centered(points.copy() if len(newer) == 1 else points, begin)
-    starting, arriving = sources.centroids[:, :2], surfaces.centroids[own, :2]
-    starts[:, :2] -= arriving - starting
+    starting = sources.centroids[:, :2]
+    between = surfaces.centroids[own, :2] - starting
+    starts[:, :2] -= between
+    doubts = covariances + ROUNDING * np.eye(3)
     found = planes.iterate(sources.points, sources.begin, planes.surfaces(surfaces), own, starts, doubts)
-    arms, turns = laid.places + laid.shifts - starting, found.motions[:, 2]
-    steps = arriving - starting + found.motions[:, :2] + planar.rotate_all(arms, turns) - arms
-    about = planar.transport_covariances(found.covariances(found.beliefs), np.zeros(len(arms)), arms)
-    return found.is_found, (turns, steps, about)
-
-
-def _about(found: RegistrationResult, at: Vector) -> tuple[float, Vector, PlanarCovariance]:
-    """Read a result at a place: turn, step, covariance."""
-    covariance = planar.transport_covariance(found.covariance, 0.0, found.source_centroid[:2], at)
-    return se3.yaw(found.T_target_source), found.motion_about(np.array([*at, 0.0]))[:2], covariance
+    arms, is_found = laid.places + laid.shifts - starting, found.is_found
+    source_kernels.laid(found.motions, found.covariances(found.beliefs), is_found, arms, between, *moved)
+    return is_found
 
 
 def _denser(n_points: Int64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
@@ -252,21 +247,17 @@ class Learned:
             own = [k for k, pair in enumerate(pairs) if all(look.learned.is_told_by(network) for look in pair)]
             if not own:
                 continue
-            looks = [pairs[k] for k in own]
-            shifts = np.array([(a.shift, b.shift) for a, b in looks])
-            n_points = np.array([min(a.n_points, b.n_points) for a, b in looks])
-            sources = np.array([a.learned.cloud.centroid[:2] for a, _ in looks])
-            targets = np.array([b.learned.cloud.centroid[:2] for _, b in looks])
-            found, is_doubtful = network.compare([(a.learned.cloud, b.learned.cloud) for a, b in looks])
-            known = np.flatnonzero(~is_doubtful)
-            at = places[own] - shifts[:, 0]  # the network knows of no shifts
-            arms = at - sources - found.center[:, :2]
-            moved = targets + found.moved_center[:, :2] + planar.rotate_all(arms, found.turn) + shifts[:, 1]
-            covariances = found.covariances_about(arms)
-            told = np.array(own)[known]
-            steps[told], informations[told] = (moved - places[own])[known], planar.inverses(covariances[known, :2, :2])
-            turns[told] = found.turn[known]
-            variances[told] = covariances[known, 2, 2] + (TURN_SAMPLING / n_points[known]) ** 2
+            clouds = [(pairs[k][0].learned.cloud, pairs[k][1].learned.cloud) for k in own]
+            found, is_doubtful = network.compare(clouds)
+            told = [
+                (*a.centroid[:2], *b.centroid[:2], *pairs[k][0].shift, *pairs[k][1].shift)
+                for k, (a, b) in zip(own, clouds, strict=True)
+            ]
+            evidence = steps, informations, turns, variances
+            source_kernels.opinions(
+                found.motions, found.covariance, is_doubtful, np.array(own), np.array(told), places, evidence
+            )
+        variances += (TURN_SAMPLING / np.array([min(a.n_points, b.n_points) for a, b in pairs])) ** 2
         return Evidence(steps, informations, turns, variances, np.zeros(n, dtype=np.bool_))
 
     def _network(self, class_name: str) -> Networks:
@@ -275,15 +266,3 @@ class Learned:
         if self._persons is None:
             self._persons = AlignNetPersons(max_points=LEARNED_POINTS)
         return self._persons
-
-
-def _without(informations: Squares, priors: Squares) -> Squares:
-    """Take out what priors knew; directions that nothing else told of are left without information."""
-    left: Squares = informations - priors
-    a, b, c = left[:, 0, 0], left[:, 0, 1], left[:, 1, 1]
-    least = LEAST * (informations[:, 0, 0] + informations[:, 1, 1])
-    is_whole = (a > least) & ((a - least) * (c - least) > b * b)  # all directions are left
-    for k in np.flatnonzero(~is_whole):
-        values, axes = np.linalg.eigh(left[k])
-        left[k] = (axes * np.where(values > least[k], values, 0.0)) @ axes.T
-    return left
