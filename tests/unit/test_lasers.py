@@ -4,12 +4,20 @@ import numpy as np
 import pytest
 from regmot.kitti_lasers import shift, short_steps
 
-from registration.synthetic.lidar import HDL_64E, HDL_64E_KITTI, VLP_16, firing_lags, level_ground, ring_of, scan
+from registration.neighbours import pack_arrays
+from registration.synthetic.lidar import HDL_64E, HDL_64E_KITTI, VLP_16, firing_lags, level_ground, ring_of, rings, scan
 
 
 @pytest.fixture(scope="module")
 def sweep():
     return scan([], HDL_64E_KITTI, np.random.default_rng(0), level_ground(HDL_64E_KITTI))
+
+
+def lags_of(clouds, beam_model):
+    """Give the lags of each cloud; None where they are not known."""
+    points, begin = pack_arrays(clouds)
+    lags, is_known = firing_lags(points, begin, rings(beam_model))
+    return [lags[a:b] if known else None for a, b, known in zip(begin, begin[1:], is_known, strict=False)]
 
 
 def test_a_point_tells_its_laser_and_when_it_fired(sweep):
@@ -18,7 +26,7 @@ def test_a_point_tells_its_laser_and_when_it_fired(sweep):
     assert np.abs(off).max() < np.deg2rad(0.01)
     x, y, _ = sweep.points_lidar.T
     in_front = np.abs(np.arctan2(y, x)) < 2.8  # lasers that look past the cut fire half a turn before or after
-    (lags,) = firing_lags([sweep.points_lidar], HDL_64E_KITTI)
+    (lags,) = lags_of([sweep.points_lidar], HDL_64E_KITTI)
     times = -np.arctan2(y, x) / (2.0 * np.pi) * HDL_64E_KITTI.period + lags
     np.testing.assert_allclose(times[in_front], sweep.time[in_front], atol=1e-6)
     assert np.ptp(lags) > 4e-3
@@ -26,13 +34,13 @@ def test_a_point_tells_its_laser_and_when_it_fired(sweep):
 
 def test_points_that_lie_on_no_rings_of_a_sensor_have_no_lags(sweep):
     foreign = scan([], VLP_16, np.random.default_rng(0), level_ground(VLP_16)).points_lidar
-    own, other = firing_lags([sweep.points_lidar[:100], foreign], HDL_64E_KITTI)
+    own, other = lags_of([sweep.points_lidar[:100], foreign], HDL_64E_KITTI)
     assert other is None
-    np.testing.assert_array_equal(own, firing_lags([sweep.points_lidar], HDL_64E_KITTI)[0][:100])
-    assert np.abs(firing_lags([foreign], VLP_16)[0]).max() < 1e-4
+    np.testing.assert_array_equal(own, lags_of([sweep.points_lidar], HDL_64E_KITTI)[0][:100])
+    assert np.abs(lags_of([foreign], VLP_16)[0]).max() < 1e-4
     noisy = sweep.points_lidar + np.random.default_rng(1).normal(0.0, 0.05, sweep.points_lidar.shape)
-    assert firing_lags([noisy], HDL_64E_KITTI) == [None]
-    assert len(firing_lags([np.empty((0, 3))], HDL_64E_KITTI)[0]) == 0
+    assert lags_of([noisy], HDL_64E_KITTI) == [None]
+    assert len(lags_of([np.empty((0, 3))], HDL_64E_KITTI)[0]) == 0
 
 
 def test_offsets_of_lasers_are_found_from_single_steps_of_the_encoder():

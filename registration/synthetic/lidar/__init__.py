@@ -2,7 +2,7 @@
 
 from registration.synthetic.lidar.beams import BeamModel, Jitter, Rays, Turn, fire, ray_directions
 from registration.synthetic.lidar.casting import PlacedMesh
-from registration.synthetic.lidar.lasers import firing_lags, ring_of
+from registration.synthetic.lidar.lasers import Rings, firing_lags, ring_of, rings
 from registration.synthetic.lidar.motion import pose_after, twist_between
 from registration.synthetic.lidar.sweep import GROUND, Sweep, level_ground, scan
 from registration.synthetic.lidar.tables import (
@@ -18,6 +18,7 @@ from registration.synthetic.lidar.tables import (
 )
 
 __all__ = [
+    "Rings",
     "GROUND",
     "HDL_64E",
     "HDL_64E_KITTI",
@@ -40,6 +41,7 @@ __all__ = [
     "ray_directions",
     "read_beam_table",
     "ring_of",
+    "rings",
     "scan",
     "twist_between",
 ]

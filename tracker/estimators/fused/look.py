@@ -3,17 +3,20 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from registration.alignnet.method import AlignNetCars, AlignNetPersons, Cloud
 from registration.neighbours import pack_arrays
-from registration.synthetic.lidar import beam_model, firing_lags
+from registration.synthetic.lidar import Rings, beam_model, firing_lags, rings
 from registration.types import Points
 from tracker.estimators.contract import Sighting
-from tracker.estimators.fused.sensor import SWEEP, Sensor
+from tracker.estimators.fused import sensor_kernels
+from tracker.estimators.fused.sensor import SWEEP, TURNS, Sensor
 from tracker.estimators.fused.window import Vector
 
 Networks = AlignNetCars | AlignNetPersons
@@ -166,26 +169,36 @@ def _at_once(points: Points) -> _Met:
 def _met(sightings: Sequence[Sighting], clouds: Sequence[Points], sensor: Sensor, knows_lasers: bool) -> Iterator[_Met]:
     """Put points of a raw sweep to where the beams met them."""
     points, begin = pack_arrays(clouds)
-    lags = _lags(sightings, knows_lasers)
-    known = [np.zeros(len(cloud)) if own is None else own for own, cloud in zip(lags, clouds, strict=True)]
-    passed = sensor.delays(points[:, :2], np.concatenate(known))
+    points = points.copy() if len(clouds) == 1 else points
+    lags, is_timed = _lags(sightings, begin, knows_lasers)
     middles = np.array([sighting.midpoint[:2] for sighting in sightings])
-    delays = sensor.delays(middles)
-    shifts = delays[:, None] * sensor.carried(middles)
-    moved = points.copy()
-    moved[:, :2] += np.repeat(shifts, np.diff(begin), axis=0)
-    took = np.maximum.reduceat(passed, begin[:-1]) - np.minimum.reduceat(passed, begin[:-1])
-    for k, (a, b, delay) in enumerate(zip(begin[:-1], begin[1:], delays.tolist(), strict=True)):
-        is_torn = bool(took[k] > 0.5 * SWEEP.period)
-        yield _Met(moved[a:b], shifts[k], passed[a:b], lags[k] is not None, delay, is_torn)
+    passed, delays, shifts, took = sensor_kernels.meet(points, begin, lags, middles, sensor.numbers(), TURNS)
+    is_torn = took > 0.5 * SWEEP.period
+    own = list(pairwise(begin.tolist()))
+    parts = [points[a:b] for a, b in own], list(shifts), [passed[a:b] for a, b in own]
+    return map(_Met, *parts, is_timed.tolist(), delays.tolist(), is_torn.tolist())
 
 
-def _lags(sightings: Sequence[Sighting], knows_lasers: bool) -> list[Float64[np.ndarray, " _"] | None]:
-    """Give how much later than the sensor's head each laser fired; None where nobody knows."""
+def _lags(
+    sightings: Sequence[Sighting], begin: Int64[np.ndarray, " _"], knows_lasers: bool
+) -> tuple[Float64[np.ndarray, " n"], Bool[np.ndarray, " k"]]:
+    """Give how much later than the sensor's head each laser fired; 0 where nobody knows, and for which looks one does.
+
+    Args:
+        sightings: k of them, with n points in all.
+        begin: where the points of each begin.
+        knows_lasers: whether it is known when each laser fires, if it is known which sensor's they are.
+    """
     lasers = sightings[0].lasers if knows_lasers else None  # those of a frame are one sensor's
     if lasers is None:
-        return [None] * len(sightings)
-    return firing_lags([thinned(sighting.points_lidar) for sighting in sightings], beam_model(lasers))
+        return np.zeros(begin[-1]), np.zeros(len(sightings), dtype=np.bool_)
+    points, _ = pack_arrays([thinned(sighting.points_lidar) for sighting in sightings])
+    return firing_lags(points, begin, _rings(lasers))
+
+
+@cache
+def _rings(lasers: str) -> Rings:
+    return rings(beam_model(lasers))
 
 
 def thinned(points: Points, most: int = KEPT_POINTS) -> Points:

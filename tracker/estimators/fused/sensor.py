@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import planar
-from tracker.ego_motion.sweep import azimuth_times
+from tracker.estimators.fused import sensor_kernels
 from tracker.estimators.fused.window import Vector
 from tracker.types import Sweep
 
 SWEEP = Sweep(np.zeros(6))  # of a sensor that turns clockwise, seen from above, 10 times a second, as KITTI's does
+TURNS = SWEEP.period, -1.0 if SWEEP.is_clockwise else 1.0, SWEEP.cut_azimuth  # as `sensor_kernels` take it
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +58,13 @@ class Sensor:
             places: (n, 2) [m].
             lags: how much later than the sensor's head each is passed (n) [s].
         """
-        x, y = (places - self.place).T
-        return azimuth_times(np.arctan2(y, x) - self.yaw - 2.0 * np.pi / SWEEP.period * lags, SWEEP)
+        own = np.full(len(places), lags) if isinstance(lags, float) else lags
+        found: Float64[np.ndarray, " n"] = sensor_kernels.delays(places, own, self.numbers(), TURNS)
+        return found
+
+    def numbers(self) -> tuple[float, float, float, float, float, float]:
+        """Give place, yaw, velocity and rate, as `sensor_kernels` take them."""
+        return (*self.place.tolist(), self.yaw, *self.velocity.tolist(), self.rate)
 
     def past_end(self, place: Vector) -> float:
         """Give how far a place is past the direction in which sweeps end [m], along their turn; NaN in front."""
