@@ -67,7 +67,11 @@ class LearnedRegistration(PairMethod):
         """
         if not 1 <= self.min_points <= self.max_points:
             raise ValueError(f"expected 1 <= min_points <= max_points, got {self.min_points} and {self.max_points}")
-        self._load()
+        _ = self._loaded  # loads them
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what oneDNN has laid out, which nothing can copy: a copy loads the weights itself."""
+        return {name: value for name, value in vars(self).items() if name != "_loaded"}
 
     def prepare_cloud(self, points: Points) -> Cloud:
         """Encode one cloud, seen from the origin."""
@@ -100,7 +104,7 @@ class LearnedRegistration(PairMethod):
         told = [k for k, cloud in enumerate(clouds) if len(cloud) >= self.min_points]
         encodings: list[tuple[Encoding, Encoding] | None] = [None] * len(clouds)
         if told:
-            own, (networks, _) = [clouds[k] for k in told], self._load()
+            own, (networks, _) = [clouds[k] for k in told], self._loaded
             by_branch = [network.encode(own, means[told], sensors[told], self.max_points) for network in networks]
             for k, source, target in zip(told, by_branch[0], by_branch[-1], strict=True):
                 encodings[k] = source, target
@@ -144,7 +148,7 @@ class LearnedRegistration(PairMethod):
         Raises:
             ValueError: a cloud has too few points for it to have been encoded.
         """
-        networks, about = self._load()
+        networks, about = self._loaded
         known = [(a.encodings[0], b.encodings[1]) for a, b in pairs if a.encodings and b.encodings]
         if len(known) < len(pairs):
             raise ValueError(
@@ -168,7 +172,8 @@ class LearnedRegistration(PairMethod):
     def _path(self) -> Path:
         return Path(self.weights) if self.weights else checkpoint.shipped(self.name)
 
-    def _load(self) -> tuple[list[Inference], checkpoint.About]:
+    @cached_property
+    def _loaded(self) -> tuple[list[Inference], checkpoint.About]:
         return inference.load(self._path, self.precision)
 
     def _answer(

@@ -1,5 +1,7 @@
 """The fast path gives what the plain path gives, and keeps the plug-in contract."""
 
+import pickle
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -273,6 +275,14 @@ def test_weights_of_the_package_are_found_by_the_methods_name(tmp_path, monkeypa
     result = method.register(CAR, se3.transform(T_TRUE, CAR))
     assert method.name == "alignnet+icp"
     np.testing.assert_allclose(result.T_target_source, T_TRUE, atol=1e-6)
+
+
+def test_a_method_can_be_sent_to_another_process(make):
+    method = make()
+    for copy in (pickle.loads(pickle.dumps(method)), deepcopy(method)):
+        assert copy == method
+        found, expected = (each.register(CAR, CAR + [0.3, 0.0, 0.0]) for each in (copy, method))
+        np.testing.assert_array_equal(found.T_target_source, expected.T_target_source)
 
 
 @pytest.mark.parametrize("setting", [{"min_points": 0}, {"max_points": 2}, {"precision": "half"}])
