@@ -60,8 +60,8 @@ class Sensor:
         x, y = (places - self.place).T
         return azimuth_times(np.arctan2(y, x) - self.yaw - 2.0 * np.pi / SWEEP.period * lags, SWEEP)
 
-    def past_end(self, place: Vector) -> float:
-        """Give how far a place is past the direction in which sweeps end [m], along their turn; NaN in front."""
-        x, y = (place - self.place).tolist()
-        angle = planar.wrap(self.yaw + math.pi - math.atan2(y, x))
-        return angle * math.hypot(x, y) if abs(angle) < 0.5 * math.pi else math.nan
+    def past_end(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        """Give how far places are past the direction in which sweeps end [m], along their turn; NaN in front."""
+        x, y = (places - self.place).T
+        angles = planar.wrap_all(self.yaw + math.pi - np.arctan2(y, x))
+        return np.where(np.abs(angles) < 0.5 * math.pi, angles * np.hypot(x, y), math.nan)
