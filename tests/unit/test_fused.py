@@ -8,6 +8,7 @@ import pytest
 from registration import planar, se3
 from tests.looks import encoded, kept, laid_on, seen
 from tests.segments import car_cloud, moving_tracklet, segment, steps
+from tests.windows import Window
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
 from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene
@@ -76,7 +77,7 @@ def test_many_comparisons_with_a_look_of_few_points_are_hardly_worth_more_than_o
     for k in range(6):
         cloud = car_cloud(300, seed=k) + [14.0 + 0.4 * k, 4.0, -1.7]
         estimator.step({7: segment(cloud[:3] if k == 0 else cloud, k)}, 0.1 * k, np.eye(4))
-        for comparison in estimator._tracks[7].place.comparisons:
+        for comparison in Window(estimator._known.places, estimator._tracks[7].row).comparisons:
             if comparison.older == 0:
                 row = comparison.measured
                 information, doubt = row[4:].reshape(2, 2, 2)

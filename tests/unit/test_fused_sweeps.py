@@ -8,6 +8,7 @@ import pytest
 from registration import se3
 from tests.looks import encoded, kept
 from tests.segments import car_cloud, segment
+from tests.windows import Window
 from tracker.ego_motion.sweep import point_times
 from tracker.estimators import create_estimator
 from tracker.estimators.fused import FusedEstimator, FusedSettings
@@ -175,8 +176,9 @@ def test_places_tell_of_velocities_at_any_rate_of_frames():
     for k in range(6):
         one = segment(car_cloud(60, seed=k) + [15.0 + 0.3 * k, 4.0, 0.0], k, dt=0.05)
         estimator.step({one.track_id: one}, one.timestamp, None)
-    track = estimator._tracks[7]
-    centers = [track.center_at(i) for i in range(len(track.looks))]
-    np.testing.assert_allclose(read([track], 1.0).velocities, np.diff(centers, axis=0) / 0.05, atol=1e-9)
-    rates = 0.5 * (track.place.state[1:, 1] + track.place.state[:-1, 1])
-    assert np.abs(read([track], 1.0).velocities - rates).max() > 1e-4
+    known, place = estimator._known, Window(estimator._known.places, estimator._tracks[7].row)
+    centers = np.concatenate([known.centers_at(place.at, ago) for ago in range(len(place) - 1, -1, -1)])
+    found = read(known, place.at, 1.0).velocities
+    np.testing.assert_allclose(found, np.diff(centers, axis=0) / 0.05, atol=1e-9)
+    rates = 0.5 * (place.state[1:, 1] + place.state[:-1, 1])
+    assert np.abs(found - rates).max() > 1e-4

@@ -1,30 +1,45 @@
 """Two explanations of a look, a sudden change and one that is off as a whole, and the next look, which settles it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from registration import planar
 from tests.segments import car_cloud, segment
+from tests.windows import Window, solve
 from tracker.estimators import create_estimator
-from tracker.estimators.fused import hypotheses
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.hypotheses import Seen
-from tracker.estimators.fused.solving import solve
-from tracker.estimators.fused.window import MotionModel, Window
+from tracker.estimators.fused.window import MotionModel
 
 MODEL = MotionModel(density=2.0, rate_sd=15.0)
 TAILS = MODEL.tails
 NARROW = 0.04**2 * np.eye(2)
 
 
-def seen(shown, step=None, covariance=NARROW):
-    """A step that was expected to be 1 m."""
-    shown = np.asarray(shown, dtype=np.float64)
-    return Seen(shown if step is None else np.asarray(step), shown, np.array([1.0, 0.0]), covariance, 0.1)
+def still(n):
+    """Axes that do not turn, after n frames."""
+    axes = Heading(turns=False, n_frames=9)
+    for k in range(n):
+        axes.advance(0.1 * k)
+    return axes
+
+
+def weighed(shown, step=None, covariance=NARROW, tails=TAILS):
+    """Weigh a step that was expected to be 1 m: give its window, its doubt, and the other explanation."""
+    window = Window.start(replace(MODEL, tails=tails), 0.0, still(1), np.zeros(2))
+    axes = still(2)
+    window.advance(0.1, axes)
+    window.explained.expected[0, 0], window.explained.expected_covariances[0, 0] = [1.0, 0.0], covariance
+    window.state[-1, 0] = shown if step is None else step
+    if step is not None:
+        window.explained.rivals[0] = shown
+    window.weigh_look(axes)
+    return window, window.doubts[-1].copy(), window.other
 
 
 def test_what_is_expected_is_not_doubted():
-    doubt, other = hypotheses.weigh(seen([1.01, 0.0]), TAILS)
+    _, doubt, other = weighed([1.01, 0.0])
     assert np.abs(doubt).max() < 1e-6
     assert other is None or other.cost > 5.0
 
@@ -32,7 +47,7 @@ def test_what_is_expected_is_not_doubted():
 def test_the_farther_off_the_likelier_the_look_is_wrong_until_both_are_of_one_mind():
     shares, doubts = [], []
     for off in (0.1, 0.2, 0.3, 0.6):
-        doubt, other = hypotheses.weigh(seen([1.0 + off, 0.0]), TAILS)
+        _, doubt, other = weighed([1.0 + off, 0.0])
         assert not other.is_sudden
         np.testing.assert_allclose(other.off[0], -off, rtol=0.05)  # back to where it was expected
         np.testing.assert_allclose(other.rate, [10.0, 0.0])
@@ -45,21 +60,27 @@ def test_the_farther_off_the_likelier_the_look_is_wrong_until_both_are_of_one_mi
 
 
 def test_a_motion_that_nothing_is_known_of_makes_no_look_suspicious():
-    doubt, _ = hypotheses.weigh(seen([3.0, 0.0], covariance=1.5**2 * np.eye(2)), TAILS)
+    _, doubt, _ = weighed([3.0, 0.0], covariance=1.5**2 * np.eye(2))
     assert doubt.max() < 0.03**2
 
 
 def test_a_change_that_was_not_taken_stays_possible():
-    doubt, other = hypotheses.weigh(seen([0.2, 0.0], step=[0.98, 0.0]), TAILS)
+    window, doubt, other = weighed([0.2, 0.0], step=[0.98, 0.0])
     assert other.is_sudden
     np.testing.assert_allclose(other.off, [-0.78, 0.0])
     assert -2.5 <= other.rate[0] <= 2.0  # between a jerk at the end of the step, and one at its start
     assert 0.1**2 < doubt[0, 0] < 0.78**2
-    step, covariance = other.expected(0.1, NARROW)
+    window.covariance[-2:, -2:] = (NARROW - np.eye(2) * MODEL.density * 0.1**3 / 3.0) / 0.1**2
+    window.advance(0.2, still(3))
+    step, covariance = window.explained.expected[0, 1], window.explained.expected_covariances[0, 1]
+    np.testing.assert_allclose(window.explained.expected_covariances[0, 0], NARROW)
     assert abs(step[0] - 0.2) < 2.0 * np.sqrt(covariance[0, 0])
-    again = other.reversed(np.array([9.8, 0.0])).reversed(other.rate)
-    np.testing.assert_array_equal(again.off, other.off)
-    assert (again.cost, again.is_sudden) == (other.cost, True)
+    window.take_other()
+    np.testing.assert_array_equal(window.other.off, -other.off)
+    assert (window.other.cost, window.other.is_sudden) == (-other.cost, False)
+    window.take_other()
+    np.testing.assert_array_equal(window.other.off, other.off)
+    assert (window.other.cost, window.other.is_sudden) == (other.cost, True)
 
 
 def looked_at(places, dt=0.1, lags=(1, 2, 4), turn=0.0, vague=None):
@@ -153,8 +174,8 @@ def test_nothing_is_settled_by_a_look_that_tells_next_to_nothing(change, jump, s
             before = window.other
         if k == 7:
             likely = before.probability  # the likelier one is taken, if there is anything to go on from
-            assert window.told.unsettled == pytest.approx(likely if sd is None else min(likely, 1.0 - likely), rel=0.4)
-            own = window.told.unsettled * np.outer(before.off, before.off)
+            assert window.unsettled == pytest.approx(likely if sd is None else min(likely, 1.0 - likely), rel=0.4)
+            own = window.unsettled * np.outer(before.off, before.off)
             np.testing.assert_allclose(window.doubts[-2], own, atol=1e-6)
             assert not window.is_off[6 - window.n_left]
         if k == 8:  # the step to frame 7 still begins at a look that was not settled
@@ -218,7 +239,7 @@ def test_an_id_that_goes_on_with_another_car_is_no_reason_to_fail():
 
 def test_what_no_motion_explains_may_be_a_crash_however_sure_the_motion_was():
     for sd in (0.04, 0.004):
-        _, other = hypotheses.weigh(seen([1.8, 0.0], step=[1.0, 0.0], covariance=sd**2 * np.eye(2)), TAILS)
+        _, _, other = weighed([1.8, 0.0], step=[1.0, 0.0], covariance=sd**2 * np.eye(2))
         assert other.is_sudden
         assert other.probability > 0.05
 
@@ -226,7 +247,7 @@ def test_what_no_motion_explains_may_be_a_crash_however_sure_the_motion_was():
 def test_what_is_far_beyond_a_normal_error_is_weighed_too():
     for tails in (TAILS, (0.0, 0.0)):
         for off in (1.0, 12.0, 100.0):
-            doubt, other = hypotheses.weigh(seen([1.0 + off, 0.0]), tails)
+            _, doubt, other = weighed([1.0 + off, 0.0], tails=tails)
             assert np.isfinite(doubt).all()
             assert other is None or np.isfinite(other.cost)
 

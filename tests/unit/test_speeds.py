@@ -6,7 +6,7 @@ from scipy.stats import multivariate_normal
 
 from tests.looks import seen
 from tracker.estimators.fused import scene, speeds
-from tracker.estimators.fused.steps import SLIP_SD, _slips
+from tracker.estimators.fused.step_kernels import SLIP_SD, slips
 
 SDS = np.array([0.15, *(sd for _, sd in speeds.MOVING)])
 
@@ -104,10 +104,10 @@ def test_few_points_that_contradict_what_others_do_make_unsure():
 
 def test_clouds_slip_where_points_are_few_and_the_best_step_stands_for_the_others_up_to_a_gap():
     n_points, seconds = np.array([3.0, 4.0, 2.0, 100.0, 100.0]), np.array([0.1, 0.1, 1.6, 0.1, 0.1])
-    slips = _slips(np.zeros(5, dtype=np.int64), np.array([1, 1, 16, 1, 1]), n_points, seconds)
-    np.testing.assert_allclose(slips[:2], [[1.0 / 5.0**2, (SLIP_SD / 0.2) ** 2]] * 2)
-    np.testing.assert_allclose(slips[2], [1.0 / 3.0**2, (SLIP_SD / 1.6) ** 2])
-    assert (slips[3:, 0] < 1e-4).all()
+    found = slips(np.zeros(5, dtype=np.int64), np.array([1, 1, 16, 1, 1]), n_points, seconds)
+    np.testing.assert_allclose(found[:2], [[1.0 / 5.0**2, (SLIP_SD / 0.2) ** 2]] * 2)
+    np.testing.assert_allclose(found[2], [1.0 / 3.0**2, (SLIP_SD / 1.6) ** 2])
+    assert (found[3:, 0] < 1e-4).all()
 
 
 def test_what_stands_goes_on_as_before():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from registration import planar
+from tests.windows import Window, solve
 from tracker.estimators.fused import heavy_tails, parked, speeds
 from tracker.estimators.fused.heading import Heading
-from tracker.estimators.fused.solving import solve
-from tracker.estimators.fused.window import MotionModel, Window
+from tracker.estimators.fused.window import MotionModel
 
 MODEL = MotionModel(density=1.0, rate_sd=30.0, n_frames=9)
 
@@ -35,7 +35,7 @@ def window_of(velocity, n=6, wrong=None, lags_wrong=(1, 2), dt=0.1, tails=(4.0, 
 
 def standing_of(window):
     """Say how likely an object alone stands, of which 3000 points are seen."""
-    logs = parked.log_likelihoods([window], np.array([3000.0**-2]))
+    logs = parked.log_likelihoods(window.windows, window.at, np.array([3000.0**-2]))
     return speeds.of_class(speeds.learned(logs), logs)[0, 0]
 
 
@@ -233,7 +233,7 @@ def test_objects_tell_together_how_their_axes_turn():
         axes.advance(0.1 * k)
         seen = (starts + 0.1 * k * velocities) @ planar.rotation(angle)
         if k == 0:
-            windows = [Window.start(MODEL, 0.0, axes, place) for place in seen]
+            windows = Window.start_all(MODEL, 0.0, axes, seen)
             before = seen
             continue
         for window, old, place in zip(windows, before, seen, strict=True):
@@ -259,7 +259,7 @@ def test_axes_that_stop_turning_at_once_are_followed():
         sensor = radius * np.array([np.cos(turned), np.sin(turned)]) + gone * ahead
         looks.append((np.vstack([ring, standing]) - sensor) @ planar.rotation(turned))
         axes.advance(0.1 * k)
-        windows = windows or [Window.start(replace(MODEL, density=0.5), 0.0, axes, place) for place in looks[0]]
+        windows = windows or Window.start_all(replace(MODEL, density=0.5), 0.0, axes, looks[0])
         for i, window in enumerate(windows if k else []):
             window.advance(0.1 * k, axes)
             if k == 1:

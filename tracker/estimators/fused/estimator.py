@@ -1,32 +1,29 @@
 """The estimator `fused`: each look at an object is compared with several earlier ones, and all of it weighed."""
 
 import math
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool
 
 from registration.methods.plane_icp import PointToPlaneICP
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked, scene, steps
-from tracker.estimators.fused.comparisons import Doubts, Pairs, doubted, lags_of, paired
+from tracker.estimators.fused.comparisons import ascending, hear, looks_of, paired
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look, looked_at
+from tracker.estimators.fused.pair_kernels import Doubts, Found, Pairs, expected
 from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.solving import solve
 from tracker.estimators.fused.sources import PLANES, Evidence, Laid, Learned, Shape
 from tracker.estimators.fused.steps import Steps
-from tracker.estimators.fused.track import Track, note_met, straightened
-from tracker.estimators.fused.window import MotionModel
+from tracker.estimators.fused.track import Track, Tracks, note_met, straightened
+from tracker.estimators.fused.window import MotionModel, Rows
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
 
-Numbers = Float64[np.ndarray, " m"]
-
-FIRST_TURN_SD = 0.05  # of a turn between the first two looks [rad]
-ONE = np.eye(2)
-SEARCHED_TURN_SD = 0.01  # of a turn that is always searched [rad]
+Flags = Bool[np.ndarray, " m"]
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class FusedSettings:
             explains [m].
         single_point: standard deviation of where an object is by a single point of it; by n points, an n-th of that:
             which of its points are seen is chance [m].  These three are of a single comparison; see
-            `comparisons.doubted`.
+            `pair_kernels.hear`.
         shape_turned, learned_turned: standard deviation of a comparison along the way between the looks relative to the
             sensor, by histograms or planes and by the network, for each radian that the object turned against the line
             of sight: other sides of it are seen [m/rad].
@@ -107,7 +104,7 @@ class FusedEstimator(FrameEstimator):
     """Weigh comparisons of an object with its own past, several frames back, by shape and by AlignNet.
 
     A step between neighbouring scans is precise to centimetres, which are decimetres a second; the same centimetres
-    over eight scans are a tenth of that, if the motion between is smooth.  A `Window` of the last frames finds the
+    over eight scans are a tenth of that, if the motion between is smooth.  A window of the last frames finds the
     places that agree with all comparisons and with a motion of nearly constant velocity, where single comparisons
     and accelerations may be far off (Student's t).  Nothing is accumulated that a wrong velocity could smear.
 
@@ -127,13 +124,17 @@ class FusedEstimator(FrameEstimator):
         self.undoes_sweep = self.settings.undoes_sweep
         self._shape, self._learned = Shape(self.settings.planes), Learned()
         self._tracks: dict[int, Track] = {}
+        self._known = Tracks(self.settings.motion, self.settings.turn)
+        self._lags = ascending(self.settings.learned_lags), ascending(self.settings.shape_lags)
         self._axes = Heading(turns=False, n_frames=self.settings.motion.n_frames)
         self._common = scene.UNKNOWN  # how all that stands moves, where there are no poses
         self._sensor: Sensor | None = None  # in the latest frame
 
     def forget(self, track_id: int) -> None:
         """Drop a track."""
-        self._tracks.pop(track_id, None)
+        track = self._tracks.pop(track_id, None)
+        if track is not None:
+            self._known.drop(track)
 
     def fresh(self) -> "FusedEstimator":
         """Make one with the same settings and no tracks."""
@@ -156,31 +157,33 @@ class FusedEstimator(FrameEstimator):
         if not known:
             self._start_tracks(sightings, new)
             return {}
-        tracks, looks = list(known.values()), [new[key] for key in known]
-        pose_turn_sd = 0.0 if self._axes.turns else self.settings.pose_turn_sd
-        for track, look in zip(tracks, looks, strict=True):
-            track.advance(look, self._axes, pose_turn_sd)
-        told = self._ask(tracks, looks)
+        at, tracks, looks = _rows(known.values()), list(known.values()), [new[key] for key in known]
+        self._known.advance(at, looks, self._axes, 0.0 if self._axes.turns else self.settings.pose_turn_sd)
+        told = self._ask(at, tracks, looks)
         if self.settings.undoes_sweep:
-            looks = straightened(tracks, looks)
-        told |= self._compare_shapes(tracks, looks)
-        solve([track.turn for track in tracks])
+            looks = straightened(self._known, tracks, at, looks)
+        told |= self._compare_shapes(at, tracks, looks)
+        solve(self._known.turns, at)
+        if self.settings.weighs_looks:
+            self._known.places.weigh_looks(at, self._axes)
         for track, look in zip(tracks, looks, strict=True):
-            if self.settings.weighs_looks:
-                track.place.weigh_look(self._axes)
-            track.looks.append(look)
-            if self.settings.refers_to_center:
-                track.refer_to_center()
-        note_met(tracks)
+            track.append(look, self.settings.motion.n_frames)
+        self._refer(at, looks)
         self._start_tracks(sightings, new)
-        return _measurements(list(known), self._steps(tracks, next(iter(sightings.values()))), told)
+        return _measurements(list(known), self._steps(at, next(iter(sightings.values()))), told)
 
-    def _steps(self, known: Sequence[Track], any_one: Sighting) -> Steps:
+    def _refer(self, at: Rows, looks: Sequence[Look]) -> None:
+        """Find the centres in the latest looks, and when the beams met them."""
+        if self.settings.refers_to_center:
+            self._known.refer_to_centers(at, looks)
+        note_met(self._known, at, looks)
+
+    def _steps(self, at: Rows, any_one: Sighting) -> Steps:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
         share = self.settings.simulated_share if any_one.is_simulated else self.settings.covariance_share
-        found = steps.read(known, share)
+        found = steps.read(self._known, at, share)
         if self.settings.knows_parked and any_one.in_world:
-            found = parked.settle([track.place for track in known], found)
+            found = parked.settle(self._known.places, at, found)
         elif self.settings.knows_parked:
             found, self._common = scene.settle(found, self._common)
         return found.told()
@@ -209,102 +212,85 @@ class FusedEstimator(FrameEstimator):
         looks = looked_at(seen, sensor, self._learned.encode(seen), self.settings.knows_lasers)
         return dict(zip(sightings, looks, strict=True))
 
-    def _ask(self, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
+    def _ask(self, at: Rows, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
         """Hear the network's opinions of objects; give the numbers of those of which it has one."""
-        own, pairs = self.settings, paired(tracks, looks, self.settings.learned_lags)
-        if not len(pairs):
+        own, (lags, others) = self.settings, self._lags
+        pairs = paired(self._known, at, lags, others)
+        if not len(pairs.lags):
             return set()
-        found = self._learned.ask(list(zip(pairs.before, pairs.now, strict=True)), pairs.olders)
-        m, told = len(pairs), np.flatnonzero(np.isfinite(found.turn_variances))
-        doubts = doubted(pairs, self._doubts(tracks, np.full(m, own.learned_changed), own.learned_turned, np.zeros(m)))
-        self._hear(tracks, pairs, told, found, doubts)
-        numbers = dict.fromkeys(pairs.owners[told].tolist())
-        solve([tracks[k].place for k in numbers], self._axes)
-        return set(numbers)
+        found = self._learned.ask(looks_of(tracks, looks, pairs), pairs.olders)
+        told = np.isfinite(found.turn_variances)
+        doubts = Doubts(own.learned_changed, own.learned_turned, 0.0, 0.0, 0.0, own.single_point)
+        self._hear(pairs, found, np.ones(len(told), np.bool_), told, doubts)
+        numbers = np.unique(pairs.owners[told])
+        solve(self._known.places, at[numbers], self._axes)
+        return set(numbers.tolist())
 
-    def _compare_shapes(self, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
+    def _compare_shapes(self, at: Rows, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
         """Lay earlier looks on the latest ones, and solve; give the numbers of the objects of which there are any."""
-        pairs = paired(tracks, looks, self.settings.shape_lags)
-        if len(pairs):
-            self._lay(tracks, looks, pairs)
-        solve([track.place for track in tracks], self._axes)
+        own, (others, lags) = self.settings, self._lags
+        pairs = paired(self._known, at, lags, others)
+        if len(pairs.lags):
+            found = self._shape.compare(self._laid(tracks, looks, pairs), looks)
+            ways = own.shape_moved, own.untimed_moved
+            doubts = Doubts(own.shape_changed, own.shape_turned, *ways, own.torn, own.single_point)
+            self._hear(pairs, found, found.was_searched, np.ones(len(pairs.lags), np.bool_), doubts)
+        solve(self._known.places, at, self._axes)
         return set(pairs.owners.tolist())
 
-    def _lay(self, tracks: Sequence[Track], looks: Sequence[Look], pairs: Pairs) -> None:
-        own, found = self.settings, self._shape.compare(self._laid(tracks, looks, pairs), looks)
-        by_change = np.where(found.was_searched, own.shape_changed, 0.0)
-        by_way = np.where([look.is_timed for look in pairs.now], own.shape_moved, own.untimed_moved)
-        doubts = doubted(pairs, self._doubts(tracks, by_change, own.shape_turned, by_way))
-        is_torn = [a.is_torn or b.is_torn for a, b in zip(pairs.before, pairs.now, strict=True)]
-        doubts[is_torn] += own.torn**2 * ONE
-        self._hear(tracks, pairs, np.arange(len(pairs)), found, doubts)
+    def _hear(self, pairs: Pairs, found: Evidence, may_change: Flags, told: Flags, doubts: Doubts) -> None:
+        """Tell objects of comparisons that tell anything, and their axes of the turns.
 
-    def _doubts(self, tracks: Sequence[Track], by_change: Numbers, by_turn: float, by_way: Numbers) -> Doubts:
-        lags = self.settings.learned_lags, self.settings.shape_lags
-        n_lags = [sum(len(lags_of(len(track.looks), own)) for own in lags) for track in tracks]
-        return Doubts(by_change, by_turn, by_way, self.settings.single_point, np.array(n_lags))
-
-    def _hear(
-        self,
-        tracks: Sequence[Track],
-        pairs: Pairs,
-        told: Int64[np.ndarray, " t"],
-        found: Evidence,
-        doubts: Float64[np.ndarray, "m 2 2"],
-    ) -> None:
-        """Tell objects of those comparisons that tell anything."""
-        firsts, m = pairs.olders + found.steps, len(pairs)
-        steps = np.concatenate([pairs.olders, firsts, found.informations.reshape(m, 4), doubts.reshape(m, 4)], axis=1)
-        turns = np.column_stack([np.zeros(m), found.turns, 1.0 / found.turn_variances, np.zeros(m)])
-        is_step, is_turn = (found.informations != 0.0).any(axis=(1, 2)), np.isfinite(found.turn_variances)
-        owners, lags = pairs.owners.tolist(), pairs.lags.tolist()
-        for k in told.tolist():
-            step, turn = steps[k] if is_step[k] else None, turns[k] if is_turn[k] else None
-            tracks[owners[k]].hear(lags[k], step, firsts[k], turn)
-        turned = told[is_turn[told]]
-        olders = [tracks[owners[k]].place.axes[-1 - lags[k]] for k in turned.tolist()]
-        self._axes.hear(olders, found.turns[turned], found.turn_variances[turned])
+        Args:
+            pairs: that were compared.
+            found: what was found.
+            may_change: whether looks that share nothing are less sure.
+            told: which are told of at all.
+            doubts: about all.
+        """
+        turns, variances = found.turns, found.turn_variances
+        hear(self._known, pairs, Found(found.steps, found.informations, turns, variances, may_change, told), doubts)
+        if self._axes.turns:
+            turned, frames = np.flatnonzero(told & np.isfinite(variances)), self._known.places.rows.frames
+            rows = pairs.rows[turned]
+            olders = frames.axes[rows, frames.sizes[rows] - 1 - pairs.lags[turned]]
+            self._axes.hear(olders.tolist(), turns[turned], variances[turned])
 
     def _laid(self, tracks: Sequence[Track], looks: Sequence[Look], pairs: Pairs) -> Laid:
         """Say where earlier looks are expected in the latest ones."""
-        own, owners, lags = self.settings, pairs.owners.tolist(), pairs.lags.tolist()
-        is_expected = np.array([bool(track.place.comparisons) for track in tracks])[pairs.owners]
-        shifts, turn_variances = pairs.newers - pairs.olders, np.full(len(pairs), FIRST_TURN_SD**2)
-        covariances = np.zeros((len(pairs), 2, 2))
-        for m in np.flatnonzero(is_expected).tolist():
-            place, turn, older = tracks[owners[m]].place, tracks[owners[m]].turn, -1 - lags[m]
-            covariances[m] = place.difference(older)
-            turn_variances[m] = turn.difference(older)[0, 0] + SEARCHED_TURN_SD**2
+        own, windows = self.settings, (self._known.places.rows, self._known.turns.rows)
+        owners, shifts = pairs.owners.tolist(), pairs.newers - pairs.olders
+        swing = self._axes.step_variance()
+        found = expected(*windows, pairs, own.search_floor, own.search_doubt, swing)
+        is_expected, covariances, turn_variances, contraries = found
         for m in np.flatnonzero(~is_expected).tolist():
             before, now = tracks[owners[m]].looks[-1].points, looks[owners[m]].points
             shifts[m] = (now.mean(axis=0) - before.mean(axis=0))[:2]
-        across = pairs.newers[:, ::-1] * [-1.0, 1.0]  # as the axes' own turn swings objects
-        swing = self._axes.step_variance() * across[:, :, None] * across[:, None, :]
-        contraries = np.array([track.place.told.spread() for track in tracks])[pairs.owners]
         return Laid(
-            earlier=pairs.before,
+            earlier=[before for before, _ in looks_of(tracks, looks, pairs)],
             newer=owners,
             places=pairs.olders,
             shifts=shifts,
             turns=pairs.turns,
-            covariances=is_expected[:, None, None]
-            * (own.search_doubt * (covariances + swing) + own.search_floor**2 * ONE),
+            covariances=covariances,
             is_expected=is_expected,
             turn_variances=turn_variances,
-            contraries=own.search_doubt * own.weighs_looks * contraries,
+            contraries=contraries if own.weighs_looks else np.zeros_like(contraries),
         )
 
     def _start_tracks(self, sightings: Mapping[int, Sighting], new: Mapping[int, Look]) -> None:
-        own = self.settings
-        for key, sighting in sightings.items():
-            if key in self._tracks:
-                continue
-            rate_sd = own.motion.rate_sd * (1.0 if sighting.in_world else math.sqrt(2.0))
-            models = replace(own.motion, rate_sd=rate_sd), own.turn
-            self._tracks[key] = Track.start(models, new[key], self._axes)
-            if own.refers_to_center:
-                self._tracks[key].refer_to_center()
-            note_met([self._tracks[key]])
+        keys = [key for key in sightings if key not in self._tracks]
+        if not keys:
+            return
+        any_one, looks = sightings[keys[0]], [new[key] for key in keys]
+        rate_sd = self.settings.motion.rate_sd * (1.0 if any_one.in_world else math.sqrt(2.0))
+        tracks = self._known.start(looks, self._axes, rate_sd)
+        self._tracks.update(zip(keys, tracks, strict=True))
+        self._refer(_rows(tracks), looks)
+
+
+def _rows(tracks: Iterable[Track]) -> Rows:
+    return np.array([track.row for track in tracks], dtype=np.int64)
 
 
 def _measurements(keys: Sequence[int], found: Steps, measured: Set[int]) -> dict[int, Measurement]:

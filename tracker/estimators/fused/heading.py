@@ -1,9 +1,10 @@
 """How the axes turn that objects are seen in: what all objects of a frame have in common."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
 RATE_SD = 0.2  # of the ego's rate of turn before anything is known [rad/s]
 # White noise of its change [rad^2/s^3]: 0.3 rad/s^2 for a tenth of a second.
@@ -13,6 +14,20 @@ SHORTEST_STEP = 0.01  # [s]
 MOST_KEPT = 100  # frames whose angles are remembered, for objects that nothing was seen of in between
 
 Numbers = Float64[np.ndarray, " n"]
+
+
+class Turned(NamedTuple):
+    """How the axes of frames stand, as compiled loops take it.
+
+    Attributes:
+        first_kept: number of the first frame that is remembered.
+        first_open: number of the first one that is still open to what is heard.
+        angles: of the axes at each frame that is remembered, up to the latest [rad].
+    """
+
+    first_kept: int
+    first_open: int
+    angles: np.ndarray
 
 
 class Heading:
@@ -36,7 +51,7 @@ class Heading:
         self.turns = turns
         self.first_kept = 0
         self.times: list[float] = []
-        self.angles: list[float] = []
+        self.angles: Numbers = np.zeros(0)
         self.rates: list[float] = []
         self.heard: list[tuple[int, int, float, float]] = []
         self._n_frames = n_frames
@@ -57,28 +72,29 @@ class Heading:
         """The rate of turn at the first open frame, as it was known at its own time, and its variance."""
         return self._known[self.first - self.first_kept] if self.turns else (0.0, RATE_SD**2)
 
-    def angles_at(self, numbers: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Give the angles of frames [rad]; of ones that are forgotten, the oldest that is known."""
-        return np.array(self.angles)[np.maximum(numbers - self.first_kept, 0)]
+    def turned(self) -> Turned:
+        """Give how the axes stand in all frames that are remembered."""
+        return Turned(self.first_kept, self.first, self.angles)
 
     def turn_since(self, number: int) -> float:
         """Say by how much the axes turned from a frame to the latest [rad]."""
-        return self.angles[-1] - self.angles[max(number - self.first_kept, 0)]
+        return float(self.angles[-1] - self.angles[max(number - self.first_kept, 0)])
 
     def advance(self, time: float) -> None:
         """Begin a frame, and expect the axes to have gone on turning as they did."""
         if not self.times:
-            self.times, self.angles, self.rates, self._known = [time], [0.0], [0.0], [(0.0, RATE_SD**2)]
+            self.times, self.angles, self.rates, self._known = [time], np.zeros(1), [0.0], [(0.0, RATE_SD**2)]
             return
         dt = max(time - self.times[-1], SHORTEST_STEP)
         mean, variance = self._known[-1]
         self.times.append(self.times[-1] + dt)
-        self.angles.append(self.angles[-1] + dt * self.rates[-1])
+        self.angles = np.append(self.angles, self.angles[-1] + dt * self.rates[-1])
         self.rates.append(self.rates[-1])
         self._known.append((mean, variance + DENSITY * dt))
         if len(self.times) > MOST_KEPT:
             self.first_kept += 1
-            for series in (self.times, self.angles, self.rates, self._known):
+            self.angles = self.angles[1:]
+            for series in (self.times, self.rates, self._known):
                 del series[0]
         first = self.first
         self.heard = [heard for heard in self.heard if heard[0] >= first]
@@ -110,5 +126,5 @@ class Heading:
         """Take what was found out about the open frames; the variance is that of the latest rate."""
         if self.turns:
             first = self.first - self.first_kept
-            self.angles[first:], self.rates[first:] = angles.tolist(), rates.tolist()
+            self.angles[first:], self.rates[first:] = angles, rates.tolist()
             self._known[-1] = (self.rates[-1], rate_variance)

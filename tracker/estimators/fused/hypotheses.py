@@ -1,137 +1,120 @@
-"""Two explanations of a look: the object moved suddenly, or the look is off as a whole; the next look settles it."""
+"""Two explanations of a look: the object moved suddenly, or the look is off as a whole; the next look settles it.
 
-import math
+Compiled by numba; rows are those of `rows`.
+"""
+
 import typing
-from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
 from numba import njit
 
-from tracker.estimators.fused import heavy_tails
+from tracker.estimators.fused import axes_kernels, heavy_tails, motion_kernels, row_kernels
 
 # A look may be off as a whole, as by a box that jumps: share of such looks, and standard deviation along each axis [m].
 OFF_SHARE, OFF_SD = 0.01, 0.3
 # What moves may change its velocity at once, as in a crash: share of looks, standard deviation along each axis [m/s].
 SUDDEN_SHARE, SUDDEN_SD = 0.002, 5.0
 MOST_COST = 9.0  # an explanation that is less likely than that is not kept: difference of negative logarithms
-
-Vector = Float64[np.ndarray, " d"]
-Square = Float64[np.ndarray, "d d"]
-
-
-@dataclass(frozen=True, slots=True)
-class Other:
-    """The explanation of the latest look that was not taken.
-
-    Attributes:
-        off: where the object would be, relative to where it is taken to be (d).
-        rate: it would have (d).
-        rate_covariance: of that (d, d).
-        cost: by how much this is less likely than what was taken: difference of negative logarithms.
-        is_sudden: this is that the object moved suddenly; else, that the look is off.
-        seconds: of the step to the latest look.
-    """
-
-    off: Vector
-    rate: Vector
-    rate_covariance: Square
-    cost: float
-    is_sudden: bool
-    seconds: float
-
-    @property
-    def probability(self) -> float:
-        """How likely it is, before the next look."""
-        return 1.0 / (1.0 + math.exp(self.cost))
-
-    def expected(self, dt: float, covariance: Square) -> tuple[Vector, Square]:
-        """Give the step of `dt` that would follow, and its covariance; `covariance` is that of what was taken."""
-        if self.is_sudden:
-            return dt * self.rate, covariance + dt**2 * self.rate_covariance
-        return dt * self.rate, (self.seconds + dt) ** 2 * self.rate_covariance
-
-    def reversed(self, rate: Vector) -> "Other":
-        """Give what is the other one once this is taken; `rate` is that of what was taken before."""
-        return replace(self, off=-self.off, rate=rate, cost=-self.cost, is_sudden=not self.is_sudden)
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What the comparisons of the latest look tell beside what was taken.
-
-    Attributes:
-        rival: where the last step would lead if it could be as sudden as they tell (d); NaN where it is.
-        contrary: another place that some tell of, relative to the last one (d); NaN where none do.
-        contrary_share: its probability, beside the last one.
-        unsettled: probability of the other explanation of the look before.
-    """
-
-    rival: Vector
-    contrary: Vector
-    contrary_share: float = 0.0
-    unsettled: float = 0.0
-
-    def spread(self) -> Square:
-        """Give the covariance of the last place that the contrary one adds (d, d)."""
-        d = len(self.contrary)
-        return self.contrary[:, None] * self.contrary if self.has_contrary else np.zeros((d, d))
-
-    @property
-    def has_rival(self) -> bool:
-        """Whether the last step could be more sudden."""
-        return not math.isnan(self.rival[0])
-
-    @property
-    def has_contrary(self) -> bool:
-        """Whether some comparisons tell of another place."""
-        return not math.isnan(self.contrary[0])
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """A step to the latest look, in its axes.
-
-    Attributes:
-        step: as it was taken (d).
-        shown: as the comparisons tell (d).
-        expected: as the motion so far would have it (d).
-        covariance: of that (d, d).
-        seconds: it took.
-    """
-
-    step: Vector
-    shown: Vector
-    expected: Vector
-    covariance: Square
-    seconds: float
-
-
-def weigh(seen: Seen, tails: tuple[float, float]) -> tuple[Square, Other | None]:
-    """Give the covariance that a step has beside its own, since either explanation may hold, and the one not taken.
-
-    Args:
-        seen: the step.
-        tails: degrees of freedom of Student's t for errors of looks, and of the motion; 0: normal.
-    """
-    sudden = SUDDEN_SD * seen.seconds
-    doubt, odds, away = _weigh(seen.step, seen.shown, seen.expected, seen.covariance, sudden, tails)
-    is_sudden = bool((seen.step != seen.shown).any())
-    cost = odds if is_sudden else -odds
-    if cost > MOST_COST:
-        return doubt, None
-    off = seen.shown - seen.expected
-    if is_sudden:  # somewhere in the step
-        rate, open_ = (1.5 * seen.shown - 0.5 * seen.expected) / seen.seconds, 0.25 * np.outer(off, off)
-    else:
-        rate, open_ = seen.expected / seen.seconds, seen.covariance
-    other = seen.shown - seen.step if is_sudden else -away
-    return doubt, Other(other, rate, open_ / seen.seconds**2, cost, is_sudden, seen.seconds)
+UNSETTLED = 0.05  # what is left of the probability that a look is right when it is dropped
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _weigh(step, shown, expected, covariance, sudden, tails):
+def weigh(rows, at, turned, tails):
+    """Settle the looks before, and say how much the latest ones may be off, once all comparisons are solved for.
+
+    The comparisons of a look share its error, so nothing but the next look tells it from a sudden change.  What a look
+    told that is off is dropped.  As far as the look before is not settled, both its step and the next may err.
+
+    Args:
+        rows: see `rows.Rows`; changed.
+        at: of which windows (K).
+        turned: how the axes stand, see `heading.Turned`.
+        tails: degrees of freedom of Student's t for errors of looks, and of the motion; 0: normal.
+    """
+    frames, explained, D = rows.frames, rows.explained, rows.frames.state.shape[3]
+    rotations, left, doubt = np.ones((1, D, D)), np.empty((D, D)), np.empty((D, D))
+    for k in range(len(at)):
+        r = at[k]
+        last = frames.sizes[r] - 1
+        if D > 1:
+            motion_kernels.rotate(-row_kernels.turn_since(turned, frames.axes[r, last - 1]), rotations, 0)
+        _settle(frames, rows.comparisons, explained, r, left)
+        _explain(frames, explained, r, rotations, tails, doubt)
+        is_told_of = np.isnan(explained.rivals[r, 0]) and not np.isnan(explained.contrary[r, 0])
+        share = explained.contrary_shares[r] if is_told_of else 0.0
+        for d in range(D):
+            for e in range(D):
+                if is_told_of:
+                    doubt[d, e] += share * explained.contrary[r, d] * explained.contrary[r, e]
+                frames.doubts[r, last - 1, d, e] = explained.left[r, d, e] + left[d, e]
+        axes_kernels.turn(left, rotations, 0, D, explained.left[r])
+        for d in range(D):
+            for e in range(D):
+                frames.doubts[r, last, d, e] = doubt[d, e] + explained.left[r, d, e]
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _settle(frames, comparisons, explained, r, left):
+    """Fill in the doubt that the look before leaves (D, D); drop what it told if it is off."""
+    left[:] = 0.0
+    if np.isnan(explained.others[r, 0]):
+        return
+    unsettled, D, before = explained.unsettled[r], len(left), frames.sizes[r] - 2
+    for d in range(D):
+        for e in range(D):
+            left[d, e] = unsettled * explained.others[r, d] * explained.others[r, e]
+    latest = comparisons.counts[r] - 1
+    has_told = latest >= 0 and comparisons.ends[r, latest, 1] == before + 1
+    if explained.is_sudden[r] and has_told and unsettled < UNSETTLED:
+        frames.is_off[r, before] = True
+        row_kernels.forget(comparisons, r, before)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _explain(frames, explained, r, rotations, tails, doubt):
+    """Weigh both explanations of the latest look, keep the one that is not taken, and fill in what a step may err.
+
+    Args:
+        frames, explained: see `rows.Rows`; the other explanation is changed, which was that of the look before.
+        r: which window.
+        rotations: the only one turns the axes of the frame before to the latest (1, D, D).
+        tails: see `weigh`.
+        doubt: covariance that the step has beside its own, since either may hold (D, D).
+    """
+    D, last = len(doubt), frames.sizes[r] - 1
+    seconds = frames.times[r, last] - frames.times[r, last - 1]
+    step, shown, expected, covariance = np.empty(D), np.empty(D), np.zeros(D), np.empty((D, D))
+    has_rival = not np.isnan(explained.rivals[r, 0])
+    for d in range(D):
+        step[d] = frames.state[r, last, 0, d]
+        for e in range(D):
+            step[d] -= rotations[0, d, e] * frames.state[r, last - 1, 0, e]
+            expected[d] += rotations[0, d, e] * explained.expected[r, 0, e]
+        shown[d] = explained.rivals[r, d] if has_rival else step[d]
+    axes_kernels.turn(explained.expected_covariances[r, 0], rotations, 0, D, covariance)
+    odds, away = _weigh(step, shown, expected, covariance, SUDDEN_SD * seconds, tails, doubt)
+    is_sudden = np.any(step != shown)
+    cost = odds if is_sudden else -odds
+    explained.others[r] = np.nan
+    if cost > MOST_COST:
+        return
+    explained.costs[r], explained.is_sudden[r], explained.seconds[r] = cost, is_sudden, seconds
+    for d in range(D):
+        off = shown[d] - expected[d]
+        explained.others[r, d] = shown[d] - step[d] if is_sudden else -away[d]
+        # a sudden change was somewhere in the step
+        explained.rates[r, d] = ((1.5 * shown[d] - 0.5 * expected[d]) if is_sudden else expected[d]) / seconds
+        for e in range(D):
+            open_ = 0.25 * off * (shown[e] - expected[e]) if is_sudden else covariance[d, e]
+            explained.rate_covariances[r, d, e] = open_ / seconds**2
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _weigh(step, shown, expected, covariance, sudden, tails, doubt):  # noqa: PLR0913
     """Weigh both explanations: each is as likely as the motion, or an error of the look, makes what is seen.
 
     The motion is as it is expected, or, rarely, changes at once by `sudden` (standard deviation of the step [m]).
@@ -140,23 +123,74 @@ def _weigh(step, shown, expected, covariance, sudden, tails):
 
     The motion's t is that of a place alone, where the windows' is of place and rate.
 
+    Args:
+        step: to the latest look, as it was taken, in its axes (D).
+        shown: as the comparisons tell (D).
+        expected, covariance: as the motion so far would have it (D), (D, D).
+        sudden: see above.
+        tails: see `weigh`.
+        doubt: covariance that the step has beside its own (D, D), filled in.
+
     Returns:
-        covariance (D, D), logarithm of the odds that the look is off, and where the step was taken to relative to
-        that (D).
+        logarithm of the odds that the look is off, and where the step was taken to relative to that (D).
     """
     D, off = len(step), shown - expected
-    wider = covariance + OFF_SD**2 * np.eye(D)
-    back = np.linalg.solve(wider, off)
+    wider = _wider(covariance, OFF_SD**2)
+    back, away = motion_kernels.inverse(wider, D), np.empty(D)
     steady = _log_density(tails[1], off, covariance)
-    changed = np.log(SUDDEN_SHARE) + _log_density(tails[1], off, covariance + sudden**2 * np.eye(D))
+    changed = np.log(SUDDEN_SHARE) + _log_density(tails[1], off, _wider(covariance, sudden**2))
     odds = np.log(OFF_SHARE) + _log_density(tails[0], off, wider) - np.logaddexp(steady, changed)
-    share, left = 1.0 / (1.0 + np.exp(-odds)), (step - shown).reshape(D, 1)
-    away = left + OFF_SD**2 * back.reshape(D, 1)
-    return (1.0 - share) * (left @ left.T) + share * (away @ away.T), odds, away[:, 0]
+    share = 1.0 / (1.0 + np.exp(-odds))
+    for d in range(D):
+        away[d] = step[d] - shown[d]
+        for e in range(D):
+            away[d] += OFF_SD**2 * back[d, e] * off[e]
+    for d in range(D):
+        for e in range(D):
+            left = (step[d] - shown[d]) * (step[e] - shown[e])
+            doubt[d, e] = (1.0 - share) * left + share * away[d] * away[e]
+    return odds, away
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def _wider(covariance, variance):
+    found = covariance.copy()
+    for d in range(len(found)):
+        found[d, d] += variance
+    return found
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def _log_density(tail, off, covariance):
-    own = heavy_tails.log_density(tail, len(off), off @ np.linalg.solve(covariance, off))
-    return own - 0.5 * np.log(np.linalg.det(covariance))
+    D, distance = len(off), 0.0
+    own = motion_kernels.inverse(covariance, D)
+    for d in range(D):
+        for e in range(D):
+            distance += off[d] * own[d, e] * off[e]
+    determinant = covariance[0, 0] if D == 1 else covariance[0, 0] * covariance[1, 1] - covariance[0, 1] ** 2
+    return heavy_tails.log_density(tail, D, distance) - 0.5 * np.log(determinant)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def take_other(frames, explained, r):
+    """Take the other explanation of the look before; the state is that of it already."""
+    last, D = frames.sizes[r] - 1, frames.state.shape[3]
+    seconds = frames.times[r, last] - frames.times[r, last - 1]
+    expected, covariances = explained.expected, explained.expected_covariances
+    for d in range(D):
+        known = frames.rates[r, last - 1, d]
+        frames.rates[r, last - 1, d], explained.known_rates[r, d] = explained.known_rates[r, d], known
+        explained.rates[r, d] = expected[r, 0, d] / seconds
+        expected[r, 0, d], expected[r, 1, d] = expected[r, 1, d], expected[r, 0, d]
+        for e in range(D):
+            known = frames.rate_covariances[r, last - 1, d, e]
+            frames.rate_covariances[r, last - 1, d, e] = explained.known_covariances[r, d, e]
+            explained.known_covariances[r, d, e] = known
+            own = covariances[r, 0, d, e]
+            covariances[r, 0, d, e], covariances[r, 1, d, e] = covariances[r, 1, d, e], own
+        explained.others[r, d] = -explained.others[r, d]
+    explained.costs[r] = -explained.costs[r]
+    explained.is_sudden[r] = not explained.is_sudden[r]

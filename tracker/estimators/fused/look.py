@@ -1,6 +1,5 @@
 """What is kept of one look at an object."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -67,8 +66,6 @@ class Look:
         delay: how long after the time of the frame that was [s]; 0 where all points are of one instant.
         clock: time that velocities count by [s]: that of the frame, or of the look where they are to be over that.
         is_torn: a part was seen at the end of the sweep, and the rest at its start.
-        late: how long after what the clock tells the beams met the object's centre [s]; see `track.note_met`.
-        past_end: how far that is past the direction in which sweeps end [m]; NaN where that does not matter.
     """
 
     points: Points
@@ -85,8 +82,6 @@ class Look:
     delay: float
     clock: float
     is_torn: bool = False
-    late: float = 0.0
-    past_end: float = math.nan
 
     def seen_by(self, sensor: Sensor) -> "Look":
         """Put its points to where the beams met them, by a sensor that moves as is now known; nothing to do where all

@@ -1,14 +1,14 @@
 """What stands in the world: the one motion that is common, exact, and worth a hypothesis of its own."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
 
 from tracker.estimators.fused import parked_kernels, speeds
-from tracker.estimators.fused.steps import SLIP_SD, Steps
-from tracker.estimators.fused.window import Window, flattened
+from tracker.estimators.fused.step_kernels import SLIP_SD
+from tracker.estimators.fused.steps import Steps
+from tracker.estimators.fused.window import Rows, Windows
 
 CHANGING = (0.2, 3.0)  # share of what moves that changes its velocity; standard deviation of the acceleration [m/s^2]
 PLACE_SD = 0.02  # of the ego's own place between two frames of a window [m]
@@ -16,14 +16,15 @@ STANDING_SD = 0.02  # of the velocity of what stands [m/s]
 SPEEDS = np.array([0.0, *(sd for _, sd in speeds.MOVING)])  # of each of `speeds.SHARES`, along each axis [m/s]
 
 
-def settle(windows: Sequence[Window], steps: Steps) -> Steps:
+def settle(windows: Windows, at: Rows, steps: Steps) -> Steps:
     """Weigh the velocities of a frame's objects, in the world, with how fast objects are there, and which stand.
 
     Args:
         windows: of the objects.
+        at: their rows.
         steps: of these; the latest one of each leads to the frame.
     """
-    logs = log_likelihoods(windows, steps.slips[steps.ends - 1, 0])
+    logs = log_likelihoods(windows, at, steps.slips[steps.ends - 1, 0])
     shares = speeds.learned(logs)
     standing = speeds.of_class(shares, logs)[0]
     measured, _ = speeds.together(steps)
@@ -33,7 +34,7 @@ def settle(windows: Sequence[Window], steps: Steps) -> Steps:
     return mixed(measured._replace(means=means, covariances=covariances).given_to(steps), standing)
 
 
-def log_likelihoods(windows: Sequence[Window], slips: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, "c k"]:
+def log_likelihoods(windows: Windows, at: Rows, slips: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, "c k"]:
     """Say how well standing and moving, slowly or fast, explain where objects were throughout their windows.
 
     The displacement's likelihood is a normal's about 0; moving makes it wider by the speed's.  So is that of how far
@@ -41,14 +42,15 @@ def log_likelihoods(windows: Sequence[Window], slips: Float64[np.ndarray, " k"])
     over the mixture; each window is judged anew, since those of neighbouring frames share their evidence.
 
     Args:
-        windows: of K objects.
+        windows: of objects.
+        at: rows of K of them.
         slips: probability that what is seen of each is off by SLIP_SD.
 
     Returns:
         for each of `speeds.SHARES`.
     """
     found: Float64[np.ndarray, "c k"] = parked_kernels.log_likelihoods(
-        *flattened(windows), slips, SPEEDS, PLACE_SD**2, SLIP_SD**2, CHANGING
+        windows.rows.frames, at, slips, SPEEDS, PLACE_SD**2, SLIP_SD**2, CHANGING
     )
     return found
 

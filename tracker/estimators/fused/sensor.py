@@ -66,8 +66,8 @@ class Sensor:
         """Give place, yaw, velocity and rate, as `sensor_kernels` take them."""
         return (*self.place.tolist(), self.yaw, *self.velocity.tolist(), self.rate)
 
-    def past_end(self, place: Vector) -> float:
-        """Give how far a place is past the direction in which sweeps end [m], along their turn; NaN in front."""
-        x, y = (place - self.place).tolist()
-        angle = planar.wrap(self.yaw + math.pi - math.atan2(y, x))
-        return angle * math.hypot(x, y) if abs(angle) < 0.5 * math.pi else math.nan
+    def past_end(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        """Give how far places are past the direction in which sweeps end [m], along their turn; NaN in front."""
+        x, y = (places - self.place).T
+        angles = planar.wrap_all(self.yaw + math.pi - np.arctan2(y, x))
+        return np.where(np.abs(angles) < 0.5 * math.pi, angles * np.hypot(x, y), math.nan)

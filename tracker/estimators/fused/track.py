@@ -1,18 +1,18 @@
-"""One object: its window of places, that of its heading, and the looks that belong to their frames."""
+"""Objects: windows of their places, those of their headings, and the looks that belong to their frames."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
 
-from registration import planar
+from tracker.estimators.fused import track_kernels
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look
-from tracker.estimators.fused.window import MotionModel, Vector, Window
+from tracker.estimators.fused.look_numbers import LATE, N_COLUMNS, PAST_END, TIME, numbers_of
+from tracker.estimators.fused.window import MotionModel, Rows, Windows
 
-Row = Float64[np.ndarray, " row"]
-TurnRow = Float64[np.ndarray, " turn_row"]
+Vectors = Float64[np.ndarray, "k 2"]
 
 MOST_CENTERS = 20  # looks that count for where an object's centre is
 
@@ -22,106 +22,136 @@ class Track:
     """One object.
 
     Attributes:
-        place: its reference point.
-        turn: its heading, as it looks in axes that may turn themselves.
-        looks: one for each frame of these windows, but for the frame that is being looked at.
-        center: of the object relative to its place, in the axes of its first look [m]: a mean over `n_centers` looks,
-            of which no more than MOST_CENTERS count.
+        row: of what is known of it, see `Tracks`.
+        looks: one for each frame of its windows, but for the frame that is being looked at.
     """
 
-    place: Window
-    turn: Window
+    row: int
     looks: list[Look]
-    center: Vector = field(default_factory=lambda: np.zeros(2))
-    n_centers: int = 0
 
-    @classmethod
-    def start(cls, models: tuple[MotionModel, MotionModel], look: Look, axes: Heading) -> "Track":
-        """Begin at the middle of a look.
-
-        Args:
-            models: of the motion of its place, and of its heading.
-            look: at the object.
-            axes: whose latest frame it is.
-        """
-        middle = 0.5 * (look.points.min(axis=0) + look.points.max(axis=0))[:2]
-        place = Window.start(models[0], look.time, axes, middle)
-        return cls(place, Window.start(models[1], look.time, axes, np.zeros(1)), [look])
-
-    def advance(self, new: Look, axes: Heading, pose_turn_sd: float) -> None:
-        """Expect the object where its motion leads, in axes whose turn may be off by so much [rad]."""
-        arm = self.place.state[-1, 0] - new.sensor.place
-        across = pose_turn_sd * np.array([-arm[1], arm[0]])
-        has_left = self.place.advance(new.time, axes, across[:, None] * across)
-        self.turn.advance(new.time, axes)
-        if has_left:
+    def append(self, look: Look, n_frames: int) -> None:
+        """Take the latest look; the oldest one leaves where there are more than `n_frames`."""
+        self.looks.append(look)
+        if len(self.looks) > n_frames:
             self.looks.pop(0)
 
-    def hear(self, lag: int, step: Row | None, first: Vector, turn: TurnRow | None) -> None:
-        """Take a comparison of the latest frame with the one `lag` before into account, from the next `solve` on.
+
+class Tracks:
+    """What is known of objects, a row for each.
+
+    Attributes:
+        places: of their reference points.
+        turns: of their headings, as they look in axes that may turn themselves.
+        looks: numbers of the looks at each frame of these windows, see `look_numbers` (C, n, columns).
+        centers: of the objects relative to their places, in the axes of their first looks [m]: means over `n_centers`
+            looks, of which no more than MOST_CENTERS count (C, 2).
+        n_centers: (C).
+    """
+
+    def __init__(self, place: MotionModel, turn: MotionModel) -> None:
+        """Take the models of the motion of places, and of headings; there are no objects yet."""
+        self.places, self.turns = Windows(place, 2), Windows(turn, 1)
+        n = self.places.n_rows
+        self.looks = np.zeros((n, place.n_frames, N_COLUMNS))
+        self.centers, self.n_centers = np.zeros((n, 2)), np.zeros(n, np.int64)
+        self._free = list(range(n))[::-1]
+        self._densities = float(place.density), float(turn.density)
+
+    def start(self, looks: Sequence[Look], axes: Heading, rate_sd: float) -> list[Track]:
+        """Begin objects at the middles of looks.
 
         Args:
-            lag: how many frames before.
-            step: what is measured of the place, see `Window.take`; None: nothing.
-            first: where it leads, in case nothing else is known yet.
-            turn: what is measured of the turn; None: nothing.
+            looks: at the objects.
+            axes: whose latest frame it is.
+            rate_sd: standard deviation of their velocities, along each axis [m/s].
         """
-        if len(self.place) - lag == 1 and not self.place.comparisons:
-            self.place.place_last(first)
-        if step is not None:
-            self.place.take(lag, step)
-        if turn is not None:
-            self.turn.take(lag, turn)
+        while len(self._free) < len(looks):
+            self._make_room()
+        at = np.array([self._free.pop() for _ in looks], dtype=np.int64)
+        middles = [0.5 * (look.points.min(axis=0) + look.points.max(axis=0))[:2] for look in looks]
+        self.looks[at, 0] = [numbers_of(look) for look in looks]
+        self.centers[at], self.n_centers[at] = 0.0, 0
+        times = np.ascontiguousarray(self.looks[at, 0, TIME])
+        self.places.start(at, times, axes, np.array(middles), rate_sd)
+        self.turns.start(at, times, axes, np.zeros((len(at), 1)))
+        return [Track(row, [look]) for row, look in zip(at.tolist(), looks, strict=True)]
 
-    def refer_to_center(self) -> None:
-        """Let the network's opinion of the latest look count for where the centre is."""
-        center = self.looks[-1].learned.center()
-        if center is not None:
-            away = center + self.looks[-1].shift - self.place.state[-1, 0]
-            own = planar.rotation(-float(self.turn.state[-1, 0, 0])) @ away
-            self.n_centers = min(self.n_centers + 1, MOST_CENTERS)
-            self.center = self.center + (own - self.center) / self.n_centers
+    def drop(self, track: Track) -> None:
+        """Let another object have its row."""
+        self._free.append(track.row)
 
-    def center_at(self, i: int) -> Vector:
-        """Give the object's centre at frame i [m]."""
-        found: Vector = self.place.state[i, 0] + planar.rotation(float(self.turn.state[i, 0, 0])) @ self.center
+    def _make_room(self) -> None:
+        n = self.places.n_rows
+        self.places.make_room()
+        self.turns.make_room()
+        self.looks, self.centers = np.concatenate([self.looks] * 2), np.concatenate([self.centers] * 2)
+        self.n_centers = np.concatenate([self.n_centers] * 2)
+        self._free = [*range(2 * n - 1, n - 1, -1), *self._free]
+
+    def advance(self, at: Rows, new: Sequence[Look], axes: Heading, pose_turn_sd: float) -> None:
+        """Expect objects where their motion leads, in axes whose turn may be off by so much [rad]."""
+        numbers = np.array([numbers_of(look) for look in new])
+        track_kernels.advance(
+            self.places.rows,
+            self.turns.rows,
+            self.looks,
+            at,
+            numbers,
+            axes.turned(),
+            self._densities,
+            pose_turn_sd,
+        )
+
+    def refer_to_centers(self, at: Rows, looks: Sequence[Look]) -> None:
+        """Let the network's opinions of the latest looks count for where the centres are."""
+        seen = np.full((len(at), 2), np.nan)
+        for k, look in enumerate(looks):
+            center = look.learned.center()
+            if center is not None:
+                seen[k] = center + look.shift
+        frames = self.places.rows.frames, self.turns.rows.frames
+        track_kernels.refer(*frames, self.centers, self.n_centers, at, seen, MOST_CENTERS)
+
+    def centers_at(self, at: Rows, ago: int = 0) -> Vectors:
+        """Give objects' centres so many frames ago [m]."""
+        frames = self.places.rows.frames, self.turns.rows.frames
+        found: Vectors = track_kernels.centers_at(*frames, self.centers, at, ago)
         return found
 
 
-def straightened(tracks: Sequence[Track], new: Sequence[Look]) -> list[Look]:
+def straightened(known: Tracks, tracks: Sequence[Track], at: Rows, new: Sequence[Look]) -> list[Look]:
     """Undo the motion of objects during the sweep in new looks, and in first ones, whose motion was not known.
 
     Where nothing is known of the motion, nothing is undone.
     """
-    looks = list(new)
-    known = [
+    looks, counts = list(new), known.places.rows.comparisons.counts[at].tolist()
+    bent = [
         k
         for k, (track, look) in enumerate(zip(tracks, new, strict=True))
-        if track.place.comparisons and (look.passed is not None or track.looks[-1].passed is not None)
+        if counts[k] and (look.passed is not None or track.looks[-1].passed is not None)
     ]
-    if not known:
+    if not bent:
         return looks
-    places = np.array([tracks[k].place.state[-2:, 0] for k in known])
-    seconds = np.array([tracks[k].place.times[-1] - tracks[k].place.times[-2] for k in known])
-    velocities = (places[:, 1] - places[:, 0]) / seconds[:, None]
-    velocities = velocities - new[0].sensor.carried(np.array([tracks[k].center_at(-1) for k in known]))
-    for k, velocity in zip(known, velocities, strict=True):
+    own = at[bent]
+    velocities = track_kernels.latest_rates(known.places.rows.frames, own)
+    velocities = velocities - new[0].sensor.carried(known.centers_at(own))
+    for k, velocity in zip(bent, velocities, strict=True):
         tracks[k].looks[-1] = tracks[k].looks[-1].straightened(velocity)
         looks[k] = new[k].straightened(velocity)
     return looks
 
 
-def note_met(tracks: Sequence[Track]) -> None:
+def note_met(known: Tracks, at: Rows, looks: Sequence[Look]) -> None:
     """Note when the beams met the objects' centres in their latest looks, where velocities count by another time.
 
     Labels lie where the beams met the objects, so from frame to frame they move by what the object does between
     those moments, which for what passes by at 30 m/s and 4 m are a tenth less (or, on the right, more) than a frame
     apart.
     """
-    tracks = [track for track in tracks if track.looks[-1].clock != track.looks[-1].time]
-    if not tracks:
+    own = [k for k, look in enumerate(looks) if look.clock != look.time]
+    if not own:
         return
-    sensor, looks = tracks[0].looks[-1].sensor, [track.looks[-1] for track in tracks]
-    centers = np.array([track.center_at(-1) - look.shift for track, look in zip(tracks, looks, strict=True)])
-    for track, look, center, late in zip(tracks, looks, centers, sensor.delays(centers).tolist(), strict=True):
-        track.looks[-1] = replace(look, late=late, past_end=sensor.past_end(center))
+    at, sensor = at[own], looks[own[0]].sensor
+    centers, last = known.centers_at(at) - [looks[k].shift for k in own], known.places.rows.frames.sizes[at] - 1
+    known.looks[at, last, LATE] = sensor.delays(centers)
+    known.looks[at, last, PAST_END] = sensor.past_end(centers)

@@ -32,7 +32,7 @@ CHANGE_TAIL = 1.0
 ANCHOR = 1e6  # information of the first place, which only fixes where zero is [1/m^2, 1/rad^2]
 
 
-class Windows(NamedTuple):
+class Problem(NamedTuple):
     """The windows of K objects, one after the other; N frames and M comparisons in all.
 
     Attributes:
@@ -109,7 +109,7 @@ def solve(windows, axes, densities, tails, claimed):
     """Find the most likely unknowns of all frames, and their covariance.
 
     Args:
-        windows: see `Windows`.
+        windows: see `Problem`.
         axes: see `Axes`; at least one, that nothing may refer to.
         densities: spectral densities of the objects' white acceleration and of what changes it [m^2/s^3, m^2/s^5;
             rad^2/s^3, rad^2/s^5].
