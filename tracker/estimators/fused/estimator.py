@@ -199,7 +199,7 @@ class FusedEstimator(FrameEstimator):
         now, before = Sensor(any_one.sensor, any_one.sensor_yaw), self._sensor
         if before is not None:
             seconds = self._axes.times[-1] - self._axes.times[-2]
-            self._common = self._common.later(seconds)
+            self._common = self._common if any_one.in_world else self._common.later(seconds)
             now = now.since(before, seconds)
             if not before.is_moving:  # what it saw then is put right
                 for track in self._tracks.values():

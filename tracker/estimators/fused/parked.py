@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64
 
-from tracker.estimators.fused import parked_kernels, speeds
+from tracker.estimators.fused import parked_kernels, speed_kernels, speeds
 from tracker.estimators.fused.step_kernels import SLIP_SD
 from tracker.estimators.fused.steps import Steps
 from tracker.estimators.fused.window import Rows, Windows
@@ -57,8 +57,6 @@ def log_likelihoods(windows: Windows, at: Rows, slips: Float64[np.ndarray, " k"]
 
 def mixed(steps: Steps, standing: Float64[np.ndarray, " k"]) -> Steps:
     """Give mean and covariance of velocities that are 0 with a probability, each object's own, else as estimated."""
-    share, v = standing[steps.owners][:, None], steps.velocities
-    moving, squares = 1.0 - share, v[:, :, None] * v[:, None, :]
-    spread = moving[:, None] * steps.covariances + share[:, None] * STANDING_SD**2 * np.eye(2)
-    spread = spread + (share * moving)[:, None] * squares
-    return replace(steps, velocities=moving * v, covariances=spread, doubts=moving[:, None] * steps.doubts)
+    own = steps.velocities, steps.covariances, steps.doubts
+    velocities, covariances, doubts = speed_kernels.halted(steps.owners, standing, STANDING_SD**2, *own)
+    return replace(steps, velocities=velocities, covariances=covariances, doubts=doubts)

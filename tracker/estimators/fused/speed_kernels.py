@@ -124,6 +124,51 @@ def of_class(shares, logs):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
+def learned(before, logs, strength):
+    """Give the shares of C classes for each of K objects (C, K); see `speeds.learned`.
+
+    Args:
+        before: shares of the classes (C).
+        logs: log likelihoods (C, K).
+        strength: objects that `before` counts for.
+    """
+    (C, K), shares = logs.shape, np.empty(logs.shape)
+    for c in range(C):
+        shares[c] = before[c]
+    counts = of_class(shares, logs)
+    for c in range(C):
+        total = counts[c].sum()
+        for k in range(K):
+            shares[c, k] = (strength * before[c] + total - counts[c, k]) / (strength + K - 1.0)
+    return shares
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def halted(owners, standing, variance, velocities, covariances, doubts):
+    """Give mean and covariance of velocities that are 0 with a probability, and what is left of the doubts.
+
+    Args:
+        owners: of N steps, which of K objects each is of.
+        standing: probability that each object stands (K).
+        variance: of the velocity of what stands [m^2/s^2].
+        velocities, covariances, doubts: else (N, 2), (N, 2, 2), (N, 2, 2).
+    """
+    means, spreads, left = np.empty(velocities.shape), np.empty(covariances.shape), np.empty(doubts.shape)
+    for i in range(len(owners)):
+        share = standing[owners[i]]
+        moving = 1.0 - share
+        for d in range(2):
+            means[i, d] = moving * velocities[i, d]
+            for e in range(2):
+                spread = moving * covariances[i, d, e] + share * moving * velocities[i, d] * velocities[i, e]
+                spreads[i, d, e] = spread + (share * variance if d == e else 0.0)
+                left[i, d, e] = moving * doubts[i, d, e]
+    return means, spreads, left
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
 def _add(logs, parts, m, off, own, beside, weight, slip):
     """Add the two parts, by either error, of a velocity that is `off` the middle of a normal; say how many there are.
 
