@@ -103,16 +103,20 @@ class Window:
         self.n_left += len(self) == self.windows.model.n_frames
         shakes = np.zeros((1, d, d)) if shake is None else shake[None]
         density = float(self.windows.model.density)
-        row_kernels.advance(self.windows.rows, self.at, np.array([time]), axes.turned(), density, shakes)
+        frames, comparisons, explained = self.windows.rows
+        row_kernels.expect(frames, explained, self.at, np.array([time]), density, shakes)
+        row_kernels.advance(frames, comparisons, self.at, np.array([time]), axes.turned(), density, shakes)
 
     def place_last(self, place):
-        row_kernels.place_last(self.frames, self.row, place)
+        row_kernels.place_last(self.frames.state, self.frames.times, self.row, len(self) - 1, place)
 
     def compare(self, lag, start, step, information, doubt=None):
         doubt = np.zeros(information.shape) if doubt is None else doubt
-        measured = np.concatenate([start, start + step, information.ravel(), doubt.ravel()])[None]
-        while not row_kernels.hear(self.windows.rows, self.row, lag, measured, 0, False):
+        measured = np.concatenate([start, start + step, information.ravel(), doubt.ravel()])
+        if len(self.comparisons) == self.windows.rows.comparisons.ends.shape[1]:
             self.windows.make_room_for_comparisons()
+        last = len(self) - 1
+        row_kernels.hear(self.frames.is_off, self.windows.rows.comparisons, self.row, last - lag, last, measured)
 
     def weigh_look(self, axes):
         self.windows.weigh_looks(self.at, axes)
@@ -132,11 +136,14 @@ class Window:
 
     def difference(self, i, j=-1):
         """Give the covariance of the difference of place between frame i and the last one."""
-        n, d = len(self), self.state.shape[2]
-        assert j % n == n - 1
-        lag = n - 1 - i % n
-        found = [motion_kernels.difference(self.frames, self.row, lag, p, q) for p in range(d) for q in range(d)]
-        return np.array(found).reshape(d, d)
+        last = len(self) - 1
+        assert j % len(self) == last
+        found = [
+            motion_kernels.difference(self.frames.covariance, self.row, i % len(self), last, p, q)
+            for p in range(2)
+            for q in range(2)
+        ]
+        return np.array(found).reshape(2, 2)
 
 
 def solve(windows, axes=None):

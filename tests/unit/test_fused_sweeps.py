@@ -177,7 +177,7 @@ def test_places_tell_of_velocities_at_any_rate_of_frames():
         one = segment(car_cloud(60, seed=k) + [15.0 + 0.3 * k, 4.0, 0.0], k, dt=0.05)
         estimator.step({one.track_id: one}, one.timestamp, None)
     known, place = estimator._known, Window(estimator._known.places, estimator._tracks[7].row)
-    centers = np.concatenate([known.centers_at(place.at, ago) for ago in range(len(place) - 1, -1, -1)])
+    centers = known.centers_at(place.row)
     found = read(known, place.at, 1.0).velocities
     np.testing.assert_allclose(found, np.diff(centers, axis=0) / 0.05, atol=1e-9)
     rates = 0.5 * (place.state[1:, 1] + place.state[:-1, 1])

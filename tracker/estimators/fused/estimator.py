@@ -10,15 +10,15 @@ from jaxtyping import Bool
 from registration.methods.plane_icp import PointToPlaneICP
 from tracker.estimators.contract import FrameEstimator, Measurement, Sighting
 from tracker.estimators.fused import parked, scene, steps
-from tracker.estimators.fused.comparisons import ascending, hear, looks_of, paired
+from tracker.estimators.fused.comparisons import ascending, expected, hear, looks_of, paired
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look, looked_at
-from tracker.estimators.fused.pair_kernels import Doubts, Found, Pairs, expected
+from tracker.estimators.fused.pair_kernels import Doubts, Found, Pairs
 from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.solving import solve
 from tracker.estimators.fused.sources import PLANES, Evidence, Laid, Learned, Shape
 from tracker.estimators.fused.steps import Steps
-from tracker.estimators.fused.track import Track, Tracks, note_met, straightened
+from tracker.estimators.fused.track import Track, Tracks, straightened
 from tracker.estimators.fused.window import MotionModel, Rows
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
 from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
@@ -168,15 +168,9 @@ class FusedEstimator(FrameEstimator):
             self._known.places.weigh_looks(at, self._axes)
         for track, look in zip(tracks, looks, strict=True):
             track.append(look, self.settings.motion.n_frames)
-        self._refer(at, looks)
+        self._known.look_back(at, looks, self.settings.refers_to_center)
         self._start_tracks(sightings, new)
         return _measurements(list(known), self._steps(at, next(iter(sightings.values()))), told)
-
-    def _refer(self, at: Rows, looks: Sequence[Look]) -> None:
-        """Find the centres in the latest looks, and when the beams met them."""
-        if self.settings.refers_to_center:
-            self._known.refer_to_centers(at, looks)
-        note_met(self._known, at, looks)
 
     def _steps(self, at: Rows, any_one: Sighting) -> Steps:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
@@ -222,9 +216,9 @@ class FusedEstimator(FrameEstimator):
         told = np.isfinite(found.turn_variances)
         doubts = Doubts(own.learned_changed, own.learned_turned, 0.0, 0.0, 0.0, own.single_point)
         self._hear(pairs, found, np.ones(len(told), np.bool_), told, doubts)
-        numbers = np.unique(pairs.owners[told])
+        numbers = sorted(set(pairs.owners[told].tolist()))
         solve(self._known.places, at[numbers], self._axes)
-        return set(numbers.tolist())
+        return set(numbers)
 
     def _compare_shapes(self, at: Rows, tracks: Sequence[Track], looks: Sequence[Look]) -> set[int]:
         """Lay earlier looks on the latest ones, and solve; give the numbers of the objects of which there are any."""
@@ -258,11 +252,9 @@ class FusedEstimator(FrameEstimator):
 
     def _laid(self, tracks: Sequence[Track], looks: Sequence[Look], pairs: Pairs) -> Laid:
         """Say where earlier looks are expected in the latest ones."""
-        own, windows = self.settings, (self._known.places.rows, self._known.turns.rows)
-        owners, shifts = pairs.owners.tolist(), pairs.newers - pairs.olders
-        swing = self._axes.step_variance()
-        found = expected(*windows, pairs, own.search_floor, own.search_doubt, swing)
-        is_expected, covariances, turn_variances, contraries = found
+        own, owners, shifts = self.settings, pairs.owners.tolist(), pairs.newers - pairs.olders
+        search, swing = (own.search_floor, own.search_doubt), self._axes.step_variance()
+        is_expected, covariances, turn_variances, contraries = expected(self._known, pairs, search, swing)
         for m in np.flatnonzero(~is_expected).tolist():
             before, now = tracks[owners[m]].looks[-1].points, looks[owners[m]].points
             shifts[m] = (now.mean(axis=0) - before.mean(axis=0))[:2]
@@ -286,7 +278,7 @@ class FusedEstimator(FrameEstimator):
         rate_sd = self.settings.motion.rate_sd * (1.0 if any_one.in_world else math.sqrt(2.0))
         tracks = self._known.start(looks, self._axes, rate_sd)
         self._tracks.update(zip(keys, tracks, strict=True))
-        self._refer(_rows(tracks), looks)
+        self._known.look_back(_rows(tracks), looks, self.settings.refers_to_center)
 
 
 def _rows(tracks: Iterable[Track]) -> Rows:

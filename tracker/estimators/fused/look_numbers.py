@@ -6,7 +6,7 @@ from typing import Final
 from tracker.estimators.fused.look import Look
 
 # Columns: of `Look`; and when the beams met the object's centre, after what the clock tells [s], and how far that is
-# past the direction in which sweeps end [m], NaN where that does not matter (`track.note_met`).
+# past the direction in which sweeps end [m], NaN where that does not matter (`track.Tracks.look_back`).
 N_POINTS: Final = 0
 N_FROM_1M: Final = 1
 SENSOR: Final = 2  # x, y

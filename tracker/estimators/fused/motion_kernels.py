@@ -207,9 +207,8 @@ def _across(J, state, covariance, r, j, across, found, known, i):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def difference(frames, r, lag, d, e):
-    """Give an element of the covariance of the difference of place between a window's last frame and an older one."""
-    D, last = frames.state.shape[3], frames.sizes[r] - 1
-    a, b, covariance = 2 * D * (last - lag), 2 * D * last, frames.covariance
+def difference(covariance, r, ago, last, d, e):
+    """Give an element of the covariance of the difference of place (x, y) between two frames of a window."""
+    a, b = 4 * ago, 4 * last
     own = covariance[r, a + d, a + e] + covariance[r, b + d, b + e]
     return own - covariance[r, a + d, b + e] - covariance[r, a + e, b + d]

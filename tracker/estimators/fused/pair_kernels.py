@@ -78,23 +78,23 @@ class Found(NamedTuple):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def paired(places, turns, at, lags, others):
+def paired(sizes, state, headings, comparisons, at, lags, others):
     """Pair the latest looks at objects with earlier ones; where there are too few yet, with the first.
 
     Args:
-        places, turns: windows of the objects, see `rows.Rows`.
-        at: their rows (K).
+        sizes, state, comparisons: of the windows of their places, see `rows.Rows`.
+        headings: state of those of their headings.
+        at: rows of the objects (K).
         lags: how many looks ago, ascending.
         others: those of other sources.
     """
-    sizes, M = places.frames.sizes, 0
+    M = 0
     for r in at:
         M += _n_lags(lags, sizes[r] - 1)
     owners, rows, own = np.empty(M, np.int64), np.empty(M, np.int64), np.empty(M, np.int64)
     n_told, n_lags = np.zeros(M, np.int64), np.empty(M, np.int64)
     olders, newers, turned = np.empty((M, 2)), np.empty((M, 2)), np.empty(M)
-    state, headings, ends = places.frames.state, turns.frames.state, places.comparisons.ends
-    m = 0
+    counts, ends, m = comparisons.counts, comparisons.ends, 0
     for k in range(len(at)):
         r = at[k]
         last = sizes[r] - 1
@@ -105,7 +105,7 @@ def paired(places, turns, at, lags, others):
             for d in range(2):
                 olders[m, d], newers[m, d] = state[r, last - lag, 0, d], state[r, last, 0, d]
             turned[m] = headings[r, last, 0, 0] - headings[r, last - lag, 0, 0]
-            for c in range(places.comparisons.counts[r]):
+            for c in range(counts[r]):
                 n_told[m] += 1 if ends[r, c, 0] == last - lag and ends[r, c, 1] != last else 0
             m += 1
     return Pairs(owners, rows, own, olders, newers, turned, n_told, n_lags)
@@ -123,11 +123,12 @@ def _n_lags(lags, n_looks):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def expected(places, turns, pairs, floor, doubt, swing):
+def expected(sizes, covariance, headings, counts, contrary, pairs, floor, doubt, swing):
     """Say how surely it is known where the earlier looks of pairs are in the latest.
 
     Args:
-        places, turns: windows of the objects, see `rows.Rows`.
+        sizes, covariance, counts, contrary: of the windows of objects' places, see `rows.Rows`.
+        headings: covariance of those of their headings.
         pairs: see `Pairs`.
         floor: standard deviation of an expected place that is always searched [m].
         doubt: factor of an expectation's covariance.
@@ -137,20 +138,22 @@ def expected(places, turns, pairs, floor, doubt, swing):
         whether anything is known of the motion (M); covariances of the step (M, 2, 2), nothing where not; variances of
         the turn (M); and covariances that another place adds that is told of (M, 2, 2).
     """
-    M, lever, contrary = len(pairs.lags), np.empty(2), places.explained.contrary
+    M, lever = len(pairs.lags), np.empty(2)
     is_known, covariances = np.empty(M, np.bool_), np.zeros((M, 2, 2))
     variances, contraries = np.full(M, FIRST_TURN_SD**2), np.zeros((M, 2, 2))
     for m in range(M):
-        r, lag = pairs.rows[m], pairs.lags[m]
-        is_known[m] = places.comparisons.counts[r] > 0
+        r, last = pairs.rows[m], sizes[pairs.rows[m]] - 1
+        ago = last - pairs.lags[m]
+        is_known[m] = counts[r] > 0
         has_contrary = not np.isnan(contrary[r, 0])
         lever[0], lever[1] = -pairs.newers[m, 1], pairs.newers[m, 0]
         if is_known[m]:
-            variances[m] = motion_kernels.difference(turns.frames, r, lag, 0, 0) + SEARCHED_TURN_SD**2
+            a, b = 2 * ago, 2 * last
+            variances[m] = headings[r, a, a] + headings[r, b, b] - 2.0 * headings[r, a, b] + SEARCHED_TURN_SD**2
         for d in range(2):
             for e in range(2):
                 if is_known[m]:
-                    own = motion_kernels.difference(places.frames, r, lag, d, e) + swing * lever[d] * lever[e]
+                    own = motion_kernels.difference(covariance, r, ago, last, d, e) + swing * lever[d] * lever[e]
                     covariances[m, d, e] = doubt * own + (floor**2 if d == e else 0.0)
                 if has_contrary:
                     contraries[m, d, e] = doubt * contrary[r, d] * contrary[r, e]
@@ -159,14 +162,16 @@ def expected(places, turns, pairs, floor, doubt, swing):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def hear(places, turns, looks, pairs, found, doubts, begin):
+def hear(places, heard, is_off, turned, looks, pairs, found, doubts, begin):
     """Let objects hear what comparisons of pairs tell, from number `begin` on; they count from the next solving on.
 
     All comparisons with a look share the error that it has since it shows few points, or fewer than the other: it
     counts for so many times its variance as there are comparisons, so that many are worth no more than one.
 
     Args:
-        places, turns: windows of the objects, see `rows.Rows`; changed.
+        places: frames of the windows of their places, see `rows.Frames`.
+        heard: their comparisons, see `rows.Comparisons`; changed.
+        is_off, turned: looks that are off, and comparisons, of the windows of their headings; the latter are changed.
         looks: numbers of the looks at them, see `look_numbers` (C, n, columns).
         pairs: see `Pairs`.
         found: see `Found`.
@@ -176,22 +181,24 @@ def hear(places, turns, looks, pairs, found, doubts, begin):
     Returns:
         the number of the first pair that there was no room for; that of pairs, if there was for all.
     """
-    step, turn = np.empty((1, 12)), np.zeros((1, 4))
+    step, turn, most = np.empty(12), np.zeros(4), min(heard.ends.shape[1], turned.ends.shape[1])
     for m in range(begin, len(pairs.lags)):
+        r = pairs.rows[m]
+        last = places.sizes[r] - 1
         if not found.is_told[m]:
             continue
-        r, lag = pairs.rows[m], pairs.lags[m]
+        if max(heard.counts[r], turned.counts[r]) == most:
+            return m
         for d in range(2):
-            step[0, d], step[0, 2 + d] = pairs.olders[m, d], pairs.olders[m, d] + found.steps[m, d]
+            step[d], step[2 + d] = pairs.olders[m, d], pairs.olders[m, d] + found.steps[m, d]
             for e in range(2):
-                step[0, 4 + 2 * d + e] = found.informations[m, d, e]
-        _doubt(looks, pairs, m, places.frames.sizes[r] - 1, doubts, found.may_change[m], step)
-        turn[0, 1], turn[0, 2] = found.turns[m], 1.0 / found.turn_variances[m]
-        if turns.comparisons.counts[r] == turns.comparisons.ends.shape[1]:
-            return m
-        if not row_kernels.hear(places, r, lag, step, 0, True):
-            return m
-        row_kernels.hear(turns, r, lag, turn, 0, False)
+                step[4 + 2 * d + e] = found.informations[m, d, e]
+        _doubt(looks, pairs, m, last, doubts, found.may_change[m], step)
+        turn[1], turn[2] = found.turns[m], 1.0 / found.turn_variances[m]
+        if pairs.lags[m] == last and heard.counts[r] == 0:  # nothing else is known yet
+            row_kernels.place_last(places.state, places.times, r, last, step[2:4])
+        row_kernels.hear(places.is_off, heard, r, last - pairs.lags[m], last, step)
+        row_kernels.hear(is_off, turned, r, last - pairs.lags[m], last, turn)
     return len(pairs.lags)
 
 
@@ -216,5 +223,5 @@ def _doubt(looks, pairs, m, last, doubts, may_change, step):
     turned = abs(math.pi - (math.pi - turned) % (2.0 * math.pi))
     by_turn = doubts.by_turn * turned / length if length > 0.0 else 0.0
     along = math.hypot(doubts.by_way if looks[r, last, IS_TIMED] > 0.0 else doubts.by_untimed_way, by_turn)
-    step[0, 8], step[0, 11] = everywhere + (along * x) ** 2, everywhere + (along * y) ** 2
-    step[0, 9] = step[0, 10] = along**2 * x * y
+    step[8], step[11] = everywhere + (along * x) ** 2, everywhere + (along * y) ** 2
+    step[9] = step[10] = along**2 * x * y

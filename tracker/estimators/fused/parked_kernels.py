@@ -27,8 +27,8 @@ def log_likelihoods(frames, at, slips, sds, place_variance, slip_variance, chang
     for k in range(len(at)):
         r, last = at[k], frames.sizes[at[k]] - 1
         ago = last // 2
-        _difference(frames, r, last, place_variance, whole)
-        _difference(frames, r, last - ago, place_variance, half)
+        _difference(frames.covariance, r, 0, last, place_variance, whole)
+        _difference(frames.covariance, r, ago, last, place_variance, half)
         seconds, short = times[r, last] - times[r, 0], times[r, last] - times[r, ago]
         x, y = state[r, last, 0, 0] - state[r, 0, 0, 0], state[r, last, 0, 1] - state[r, 0, 0, 1]
         x_bend = state[r, last, 0, 0] - state[r, ago, 0, 0] - short / seconds * x
@@ -46,11 +46,11 @@ def log_likelihoods(frames, at, slips, sds, place_variance, slip_variance, chang
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _difference(frames, r, lag, beside, found):
+def _difference(covariance, r, ago, last, beside, found):
     """Give the covariance of a window's last place less that of an older frame (xx, xy, yy)."""
     for m in range(3):
         d, e = m // 2, (m + 1) // 2
-        found[m] = motion_kernels.difference(frames, r, lag, d, e) + (beside if d == e else 0.0)
+        found[m] = motion_kernels.difference(covariance, r, ago, last, d, e) + (beside if d == e else 0.0)
 
 
 @njit(cache=True, nogil=True)

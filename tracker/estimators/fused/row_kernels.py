@@ -44,32 +44,30 @@ def start(rows, at, times, number, places, rate_sd):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def advance(rows, at, times, turned, density, shakes):
+def advance(frames, comparisons, at, times, turned, density, shakes):
     """Add a frame where the motion so far would lead; full windows lose their oldest one.
 
     Args:
-        rows: see `rows.Rows`; changed.
+        frames, comparisons: see `rows.Rows`; changed.
         at: which go on (K).
-        times: of their new frames [s] (K); what comes sooner than SHORTEST_STEP after the last is taken to come then.
+        times: of their new frames [s] (K).
         turned: how the axes stand, see `heading.Turned`; the new frames' are the latest.
         density: of the acceleration's noise.
         shakes: covariance that the new places have beside that of the motion (K, D, D).
     """
-    frames, n, D = rows.frames, rows.frames.state.shape[1], rows.frames.state.shape[3]
+    n, D = frames.state.shape[1], frames.state.shape[3]
     rotations = turns_since(frames, at, turned)
     number = turned.first_kept + len(turned.angles) - 1
     for k in range(len(at)):
         r = at[k]
-        last = frames.times[r, frames.sizes[r] - 1]
-        time = max(times[k], last + SHORTEST_STEP)
-        dt = time - last
-        _expect(frames, rows.explained, r, dt, density, shakes, k)
+        time = next_time(frames, r, times[k])
+        dt = time - frames.times[r, frames.sizes[r] - 1]
         if frames.sizes[r] == n:
             _leave(frames, r)
-            forget(rows.comparisons, r, 0)
-            for c in range(rows.comparisons.counts[r]):
-                rows.comparisons.ends[r, c, 0] -= 1
-                rows.comparisons.ends[r, c, 1] -= 1
+            forget(comparisons, r, 0)
+            for c in range(comparisons.counts[r]):
+                comparisons.ends[r, c, 0] -= 1
+                comparisons.ends[r, c, 1] -= 1
         m = frames.sizes[r]
         motion_kernels.advance(frames.state, frames.covariance, r, m, dt, rotations, k, density, shakes)
         frames.times[r, m], frames.axes[r, m], frames.is_off[r, m] = time, number, False
@@ -78,6 +76,41 @@ def advance(rows, at, times, turned, density, shakes):
                 frames.shakes[r, m, d, e], frames.doubts[r, m, d, e] = shakes[k, d, e], 0.0
         frames.sizes[r] = m + 1
         learn_rate(frames, r)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def next_time(frames, r, time):
+    """Say when a window's next frame is [s]; what comes sooner than SHORTEST_STEP after the last is to come then."""
+    return max(time, frames.times[r, frames.sizes[r] - 1] + SHORTEST_STEP)
+
+
+@njit(cache=True, nogil=True)
+@typing.no_type_check
+def expect(frames, explained, at, times, density, shakes):
+    """Say where the motion would lead, by what was taken of the latest looks and by the other explanations.
+
+    Args:
+        frames, explained: see `rows.Rows`; the latter is changed.
+        at, times, density, shakes: see `advance`, which comes next.
+    """
+    expected, covariances, D = explained.expected, explained.expected_covariances, frames.state.shape[3]
+    for k in range(len(at)):
+        r, last = at[k], frames.sizes[at[k]] - 1
+        dt, first = next_time(frames, r, times[k]) - frames.times[r, last], 2 * D * last + D
+        explained.rivals[r], explained.contrary[r], explained.contrary_shares[r] = np.nan, np.nan, 0.0
+        has_other = not np.isnan(explained.others[r, 0])
+        explained.unsettled[r] = 1.0 / (1.0 + np.exp(explained.costs[r])) if has_other else 0.0
+        for d in range(D):
+            expected[r, 0, d], expected[r, 1, d] = dt * frames.state[r, last, 1, d], dt * explained.rates[r, d]
+            explained.known_rates[r, d] = explained.rates[r, d]
+            for e in range(D):
+                known, other = frames.covariance[r, first + d, first + e], explained.rate_covariances[r, d, e]
+                own = dt**2 * known + shakes[k, d, e] + (density * dt**3 / 3.0 if d == e else 0.0)
+                since = dt if explained.is_sudden[r] else explained.seconds[r] + dt
+                covariances[r, 0, d, e] = own
+                covariances[r, 1, d, e] = since**2 * other + (own if explained.is_sudden[r] else 0.0)
+                explained.known_covariances[r, d, e] = other + known
 
 
 @njit(cache=True, nogil=True)
@@ -98,30 +131,6 @@ def turns_since(frames, at, turned):
 def turn_since(turned, number):
     """Say by how much the axes turned from a frame to the latest [rad]; from a forgotten one, from the oldest known."""
     return turned.angles[-1] - turned.angles[max(number - turned.first_kept, 0)]
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _expect(frames, explained, r, dt, density, shakes, k):
-    """Say where the motion would lead in `dt`, by what was taken of the latest look and by the other explanation."""
-    last, D = frames.sizes[r] - 1, frames.state.shape[3]
-    first = 2 * D * last + D
-    explained.rivals[r], explained.contrary[r], explained.contrary_shares[r] = np.nan, np.nan, 0.0
-    has_other = not np.isnan(explained.others[r, 0])
-    explained.unsettled[r] = 1.0 / (1.0 + np.exp(explained.costs[r])) if has_other else 0.0
-    for d in range(D):
-        explained.expected[r, 0, d] = dt * frames.state[r, last, 1, d]
-        explained.expected[r, 1, d] = dt * explained.rates[r, d]
-        explained.known_rates[r, d] = explained.rates[r, d]
-        for e in range(D):
-            known, other = frames.covariance[r, first + d, first + e], explained.rate_covariances[r, d, e]
-            noise = shakes[k, d, e] + (density * dt**3 / 3.0 if d == e else 0.0)
-            explained.expected_covariances[r, 0, d, e] = dt**2 * known + noise
-            if explained.is_sudden[r]:
-                explained.expected_covariances[r, 1, d, e] = dt**2 * known + noise + dt**2 * other
-            else:
-                explained.expected_covariances[r, 1, d, e] = (explained.seconds[r] + dt) ** 2 * other
-            explained.known_covariances[r, d, e] = other + known
 
 
 @njit(cache=True, nogil=True)
@@ -176,46 +185,34 @@ def forget(comparisons, r, frame):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def hear(rows, r, lag, measured, m, places_last):
-    """Take a comparison of the latest frame with the one `lag` before into account, from the next solving on.
+def hear(is_off, comparisons, r, older, last, measured):
+    """Take a comparison of a window's last frame with an older one into account, from the next solving on.
 
-    One that says nothing is left out, and one with a look that is off.
+    One that says nothing is left out, and one with a look that is off; there has to be room for it.
 
     Args:
-        rows: see `rows.Rows`; changed.
+        is_off: see `rows.Frames`.
+        comparisons: see `rows.Comparisons`; changed.
         r: which window.
-        lag: how many frames before.
-        measured: see `rows.Comparisons` (M, 2 D + 2 D D).
-        m: which of these.
-        places_last: where nothing else is known yet, the last frame is to be looked for first where this leads.
-
-    Returns:
-        whether there was room for it.
+        older, last: both frames.
+        measured: see `rows.Comparisons` (2 D + 2 D D).
     """
-    frames, comparisons, D = rows.frames, rows.comparisons, rows.frames.state.shape[3]
-    last, c = frames.sizes[r] - 1, comparisons.counts[r]
-    if c == comparisons.ends.shape[1]:
-        return False
-    if places_last and lag == last and c == 0:
-        place_last(frames, r, measured[m, D : 2 * D])
-    tells = False
+    tells, c, D = False, comparisons.counts[r], 1 if len(measured) == 4 else 2
     for i in range(2 * D, 2 * D + D * D):
-        tells |= measured[m, i] != 0.0
-    if tells and not frames.is_off[r, last - lag]:
-        comparisons.ends[r, c, 0], comparisons.ends[r, c, 1] = last - lag, last
-        for i in range(measured.shape[1]):
-            comparisons.measured[r, c, i] = measured[m, i]
+        tells |= measured[i] != 0.0
+    if tells and not is_off[r, older]:
+        comparisons.ends[r, c, 0], comparisons.ends[r, c, 1] = older, last
+        for i in range(len(measured)):
+            comparisons.measured[r, c, i] = measured[i]
         comparisons.counts[r] = c + 1
-    return True
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def place_last(frames, r, place):
+def place_last(state, times, r, last, place):
     """Say where a window's last frame is to be looked for first; rates are those that lead there."""
-    last = frames.sizes[r] - 1
-    seconds = frames.times[r, last] - frames.times[r, last - 1]
+    seconds = times[r, last] - times[r, last - 1]
     for d in range(len(place)):
-        rate = (place[d] - frames.state[r, last - 1, 0, d]) / seconds
-        frames.state[r, last, 0, d] = place[d]
-        frames.state[r, last, 1, d] = frames.state[r, last - 1, 1, d] = rate
+        rate = (place[d] - state[r, last - 1, 0, d]) / seconds
+        state[r, last, 0, d] = place[d]
+        state[r, last, 1, d] = state[r, last - 1, 1, d] = rate

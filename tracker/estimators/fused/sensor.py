@@ -1,6 +1,5 @@
 """Where the sensor is in one frame, how it moves, and when its beams pass a place."""
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -63,11 +62,5 @@ class Sensor:
         return found
 
     def numbers(self) -> tuple[float, float, float, float, float, float]:
-        """Give place, yaw, velocity and rate, as `sensor_kernels` take them."""
+        """Give place, yaw, velocity and rate, as compiled loops take them."""
         return (*self.place.tolist(), self.yaw, *self.velocity.tolist(), self.rate)
-
-    def past_end(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Give how far places are past the direction in which sweeps end [m], along their turn; NaN in front."""
-        x, y = (places - self.place).T
-        angles = planar.wrap_all(self.yaw + math.pi - np.arctan2(y, x))
-        return np.where(np.abs(angles) < 0.5 * math.pi, angles * np.hypot(x, y), math.nan)

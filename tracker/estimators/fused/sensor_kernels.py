@@ -22,7 +22,7 @@ def delays(places, lags, sensor, sweep):
     """
     found = np.empty(len(places))
     for i in range(len(places)):
-        found[i] = _delay(places[i, 0], places[i, 1], lags[i], sensor, sweep)
+        found[i] = delay(places[i, 0], places[i, 1], lags[i], sensor, sweep)
     return found
 
 
@@ -46,12 +46,12 @@ def meet(points, begin, lags, middles, sensor, sweep):  # noqa: PLR0913
     shifts, took = np.empty((n, 2)), np.empty(n)
     for k in range(n):
         x, y = middles[k, 0], middles[k, 1]
-        met[k] = _delay(x, y, 0.0, sensor, sweep)
+        met[k] = delay(x, y, 0.0, sensor, sweep)
         shifts[k, 0] = met[k] * (sensor[3] - sensor[5] * (y - sensor[1]))
         shifts[k, 1] = met[k] * (sensor[4] + sensor[5] * (x - sensor[0]))
         first, last = np.inf, -np.inf
         for i in range(begin[k], begin[k + 1]):
-            passed[i] = _delay(points[i, 0], points[i, 1], lags[i], sensor, sweep)
+            passed[i] = delay(points[i, 0], points[i, 1], lags[i], sensor, sweep)
             first, last = min(first, passed[i]), max(last, passed[i])
             points[i, 0] += shifts[k, 0]
             points[i, 1] += shifts[k, 1]
@@ -61,8 +61,8 @@ def meet(points, begin, lags, middles, sensor, sweep):  # noqa: PLR0913
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 @typing.no_type_check
-def _delay(x, y, lag, sensor, sweep):
-    """Give when beams pass a place, after they pointed forward; see `sweep.azimuth_times`."""
+def delay(x, y, lag, sensor, sweep):
+    """Give when beams pass a place, after they pointed forward; see `delays`, and `ego_motion.sweep.azimuth_times`."""
     period, sense, cut = sweep
     azimuth = math.atan2(y - sensor[1], x - sensor[0]) - sensor[2] - TURN / period * lag
     since_cut, forward = (sense * (azimuth - cut) / TURN) % 1.0, (-sense * cut / TURN) % 1.0

@@ -9,12 +9,14 @@ from jaxtyping import Float64
 from tracker.estimators.fused import track_kernels
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.look import Look
-from tracker.estimators.fused.look_numbers import LATE, N_COLUMNS, PAST_END, TIME, numbers_of
+from tracker.estimators.fused.look_numbers import N_COLUMNS, TIME, numbers_of
+from tracker.estimators.fused.sensor import TURNS, Sensor
 from tracker.estimators.fused.window import MotionModel, Rows, Windows
 
 Vectors = Float64[np.ndarray, "k 2"]
 
 MOST_CENTERS = 20  # looks that count for where an object's centre is
+NOWHERE = np.full(2, np.nan)
 
 
 @dataclass
@@ -93,7 +95,7 @@ class Tracks:
         numbers = np.array([numbers_of(look) for look in new])
         track_kernels.advance(
             self.places.rows,
-            self.turns.rows,
+            *self.turns.rows[:2],
             self.looks,
             at,
             numbers,
@@ -102,21 +104,36 @@ class Tracks:
             pose_turn_sd,
         )
 
-    def refer_to_centers(self, at: Rows, looks: Sequence[Look]) -> None:
-        """Let the network's opinions of the latest looks count for where the centres are."""
-        seen = np.full((len(at), 2), np.nan)
-        for k, look in enumerate(looks):
-            center = look.learned.center()
-            if center is not None:
-                seen[k] = center + look.shift
-        frames = self.places.rows.frames, self.turns.rows.frames
-        track_kernels.refer(*frames, self.centers, self.n_centers, at, seen, MOST_CENTERS)
+    def look_back(self, at: Rows, looks: Sequence[Look], refers_to_center: bool) -> None:
+        """Find objects' centres, as the network sees them in the latest looks, and note when the beams met them.
 
-    def centers_at(self, at: Rows, ago: int = 0) -> Vectors:
-        """Give objects' centres so many frames ago [m]."""
-        frames = self.places.rows.frames, self.turns.rows.frames
-        found: Vectors = track_kernels.centers_at(*frames, self.centers, at, ago)
+        Labels lie where the beams met the objects, so from frame to frame they move by what the object does between
+        those moments, which for what passes by at 30 m/s and 4 m are a tenth less (or, on the right, more) than a frame
+        apart.
+        """
+        shifts, state = np.array([look.shift for look in looks]), self._state()
+        if refers_to_center:
+            centers = [look.learned.center() for look in looks]
+            seen = np.array([NOWHERE if center is None else center for center in centers])
+            track_kernels.refer(*state, self.n_centers, at, seen + shifts, MOST_CENTERS)
+        sensor = looks[0].sensor  # that of all looks of a frame
+        track_kernels.note_met(*state, self.looks, at, shifts, sensor.numbers(), TURNS)
+
+    def centers_at(self, row: int) -> Vectors:
+        """Give an object's centre at each frame of its window [m]."""
+        sizes, *state = self._state()
+        return np.array([track_kernels.center_at(*state, row, j) for j in range(sizes[row])])
+
+    def velocities_against(self, at: Rows, sensor: Sensor) -> Vectors:
+        """Give how fast objects moved over their latest steps against a sensor [m/s]."""
+        sizes, *state = self._state()
+        times = self.places.rows.frames.times
+        found: Vectors = track_kernels.against(sizes, times, *state, at, sensor.numbers())
         return found
+
+    def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        places, turns = self.places.rows.frames, self.turns.rows.frames
+        return places.sizes, places.state, turns.state, self.centers
 
 
 def straightened(known: Tracks, tracks: Sequence[Track], at: Rows, new: Sequence[Look]) -> list[Look]:
@@ -130,28 +147,9 @@ def straightened(known: Tracks, tracks: Sequence[Track], at: Rows, new: Sequence
         for k, (track, look) in enumerate(zip(tracks, new, strict=True))
         if counts[k] and (look.passed is not None or track.looks[-1].passed is not None)
     ]
-    if not bent:
-        return looks
-    own = at[bent]
-    velocities = track_kernels.latest_rates(known.places.rows.frames, own)
-    velocities = velocities - new[0].sensor.carried(known.centers_at(own))
-    for k, velocity in zip(bent, velocities, strict=True):
-        tracks[k].looks[-1] = tracks[k].looks[-1].straightened(velocity)
-        looks[k] = new[k].straightened(velocity)
+    if bent:
+        velocities = known.velocities_against(at[bent], new[0].sensor)
+        for k, velocity in zip(bent, velocities, strict=True):
+            tracks[k].looks[-1] = tracks[k].looks[-1].straightened(velocity)
+            looks[k] = new[k].straightened(velocity)
     return looks
-
-
-def note_met(known: Tracks, at: Rows, looks: Sequence[Look]) -> None:
-    """Note when the beams met the objects' centres in their latest looks, where velocities count by another time.
-
-    Labels lie where the beams met the objects, so from frame to frame they move by what the object does between
-    those moments, which for what passes by at 30 m/s and 4 m are a tenth less (or, on the right, more) than a frame
-    apart.
-    """
-    own = [k for k, look in enumerate(looks) if look.clock != look.time]
-    if not own:
-        return
-    at, sensor = at[own], looks[own[0]].sensor
-    centers, last = known.centers_at(at) - [looks[k].shift for k in own], known.places.rows.frames.sizes[at] - 1
-    known.looks[at, last, LATE] = sensor.delays(centers)
-    known.looks[at, last, PAST_END] = sensor.past_end(centers)
