@@ -653,6 +653,16 @@ def _compare_with_planes(  # noqa: PLR0913
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
+def inverses(matrices):
+    """Invert matrices (n, m, m); NumPy's own takes longer to call than to compute."""
+    found = np.empty(matrices.shape)
+    for k in range(len(matrices)):
+        found[k] = np.linalg.inv(matrices[k])
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
 def covariances(outcomes, informations, known, sizes, variance, shares):  # noqa: PLR0913
     """Bound the errors of motions that planes found; see `plane_icp.Iterated.covariances`.
 

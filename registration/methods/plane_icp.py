@@ -143,7 +143,7 @@ class PointToPlaneICP(BatchMethod):
             doubts: covariances of these.
         """
         n, motions = len(own), starts.copy()
-        outcomes, informations, beliefs = np.empty((n, 5)), np.zeros((n, 3, 3)), np.linalg.inv(doubts)
+        outcomes, informations, beliefs = np.empty((n, 5)), np.zeros((n, 3, 3)), icp_kernels.inverses(doubts)
         planes = np.full((len(targets.points), 5), np.nan)
         around = float(self.normal_radius), self.normal_neighbours, self.line_neighbours
         neighbours.share_out(
@@ -154,7 +154,8 @@ class PointToPlaneICP(BatchMethod):
             n,
             self.threads,
         )  # fmt: skip
-        sizes = np.column_stack([np.diff(begin), np.diff(targets.points_begin)[own]])
+        sizes, ends = np.empty((n, 2), dtype=np.int64), targets.points_begin
+        sizes[:, 0], sizes[:, 1] = begin[1:] - begin[:-1], (ends[1:] - ends[:-1])[own]
         return Iterated(motions, outcomes, informations, beliefs, sizes, self.noise)
 
     def _limits(self) -> tuple[float, int, float, int, float, float, float, float, float]:
@@ -192,7 +193,8 @@ class Iterated:
     @property
     def is_found(self) -> Bool[np.ndarray, " n"]:
         """Say where planes had a say at all: there were pairs to the end."""
-        return np.isin(self.outcomes[:, 0], (icp_kernels.CONVERGED, icp_kernels.NOT_CONVERGED))
+        how = self.outcomes[:, 0]
+        return (how == icp_kernels.CONVERGED) | (how == icp_kernels.NOT_CONVERGED)
 
     def covariances(self, known: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3 3"]:
         """Bound the errors of the motions.

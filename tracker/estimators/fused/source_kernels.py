@@ -69,19 +69,22 @@ def laid(motions, covariances, is_found, arms, between, turns, steps, known):  #
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def weigh(known, expected, is_told, shares, least, evidence):  # noqa: PLR0913
+def weigh(known, expected, is_told, was_searched, seen, shares, evidence):  # noqa: PLR0913
     """Turn M motions beside those that were expected to evidence: what was expected is none of it.
 
     Args:
         known: covariances xx, xy, yy of the steps, and variances of the turns, infinite where none is measured (M, 4).
         expected: steps (M, 2), their covariances (M, 2, 2), turns (M), and whether anything was expected (M).
         is_told: whether there is anything (M).
-        shares: that errors have of the steps' covariances (M).
-        least: share of the information that a direction needs to count as measured: one that nothing else told of is
-            left without.
+        was_searched: where histograms had a say (M).
+        seen: points of the smaller cloud (M).
+        shares: that errors have of the steps' covariances, by histograms and by planes, which have less of it where
+            points are more: from how many on, up to how many, and by which power; and share of the information that a
+            direction needs to count as measured: one that nothing else told of is left without.
         evidence: steps (M, 2) and turns (M), of which become whole ones, and informations of the steps (M, 2, 2).
     """
     (shifts, priors, swings, is_expected), (steps, turns, informations) = expected, evidence
+    by_search, by_planes, dense, densest, power, least = shares
     for k in range(len(known)):
         turns[k] = np.pi - (np.pi - turns[k] - swings[k]) % (2.0 * np.pi)
         informations[k] = 0.0
@@ -100,9 +103,10 @@ def weigh(known, expected, is_told, shares, least, evidence):  # noqa: PLR0913
             informations[k, 1, 0] += b / determinant
             informations[k, 1, 1] -= a / determinant
             _keep(informations, k, small)
+        share = by_search if was_searched[k] else by_planes * (dense / min(max(seen[k], dense), densest)) ** power
         for p in range(2):
             for q in range(2):
-                informations[k, p, q] /= shares[k]
+                informations[k, p, q] /= share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

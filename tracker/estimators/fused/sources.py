@@ -34,6 +34,8 @@ DENSER, DENSEST = 0.6, 3000
 FEW_POINTS = 25  # clouds with fewer are searched for around, ...
 SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
+# as `source_kernels.weigh` takes them
+SHARES = SEARCHED_SHARE, SHAPE_SHARE, float(SHAPE_POINTS), float(DENSEST), DENSER, LEAST
 
 Vectors = Float64[np.ndarray, "m 2"]
 Squares = Float64[np.ndarray, "m 2 2"]
@@ -94,11 +96,11 @@ class Laid:
         moved[:, :2] = points[:, :2] @ R.T + (place + self.shifts[k] - R @ place)
         return moved
 
-    def is_sure(self, n_points: Int64[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
-        """Say where the place is known well enough for planes, and points are many enough."""
+    def is_sure(self) -> Bool[np.ndarray, " m"]:
+        """Say where the place is known well enough for planes, if points are many enough."""
         a, b, c = self.covariances[:, 0, 0], self.covariances[:, 0, 1], self.covariances[:, 1, 1]
         largest = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # eigenvalue
-        return self.is_expected & (n_points >= FEW_POINTS) & (largest <= SURE**2)
+        return self.is_expected & (largest <= SURE**2)
 
 
 class Shape:
@@ -123,8 +125,9 @@ class Shape:
         kept = np.array([(len(a.points), len(b.points)) for a, b in zip(laid.earlier, targets, strict=True)])
         seen = np.array([(a.n_points, b.n_points) for a, b in zip(laid.earlier, targets, strict=True)]).min(axis=1)
         means, covariances = np.zeros((len(seen), 3)), _doubts(laid, targets)
-        is_sure = laid.is_sure(seen)
-        searched = np.flatnonzero(~laid.is_sure(kept.min(axis=1)) | laid.contraries.any(axis=(1, 2)))
+        is_near = laid.is_sure()
+        is_sure, is_searched = is_near & (seen >= FEW_POINTS), ~is_near | (kept.min(axis=1) < FEW_POINTS)
+        searched = np.flatnonzero(is_searched | laid.contraries.any(axis=(1, 2)))
         found = self._searched(laid, targets, searched, covariances)
         for k, result in found.items():  # the planes believe it; where it only chose a place, that it is there, no more
             means[k], chosen = result.motion_about(result.source_centroid), result.covariance.copy()
@@ -143,9 +146,8 @@ class Shape:
             was_searched[searched] = ~is_sure[searched]  # else it has chosen between two places only
             is_told[searched] = True
             priors = priors + was_searched[:, None, None] * laid.contraries
-        shares = np.where(was_searched, SEARCHED_SHARE, SHAPE_SHARE * _denser(seen))
         expected, informations = (laid.shifts, priors, laid.turns, laid.is_expected), np.empty((len(seen), 2, 2))
-        source_kernels.weigh(known, expected, is_told, shares, LEAST, (steps, turns, informations))
+        source_kernels.weigh(known, expected, is_told, was_searched, seen, SHARES, (steps, turns, informations))
         variances = TURN_SHARE * known[:, 3] + (TURN_SAMPLING / seen) ** 2
         variances[~is_refined] = np.inf
         return Evidence(steps, informations, turns, variances, was_searched)
@@ -208,11 +210,6 @@ def _refined(
     arms, is_found = laid.places + laid.shifts - starting, found.is_found
     source_kernels.laid(found.motions, found.covariances(found.beliefs), is_found, arms, between, *moved)
     return is_found
-
-
-def _denser(n_points: Int64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
-    """Give the share of their variance that dense clouds have."""
-    return (SHAPE_POINTS / np.clip(n_points, SHAPE_POINTS, DENSEST)) ** DENSER
 
 
 class Learned:
