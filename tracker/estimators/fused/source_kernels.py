@@ -116,12 +116,11 @@ def _keep(informations, k, least):
     a, b, c = informations[k, 0, 0], informations[k, 0, 1], informations[k, 1, 1]
     if a > least and (a - least) * (c - least) > b * b:
         return
-    values, axes = np.linalg.eigh(informations[k].copy())
-    for p in range(2):
-        for q in range(2):
-            informations[k, p, q] = 0.0
-            for i in range(2):
-                informations[k, p, q] += (values[i] if values[i] > least else 0.0) * axes[p, i] * axes[q, i]
+    half = math.hypot(0.5 * (a - c), b)  # eigenvalues are the mean, more or less this; of two alike neither is left
+    largest = 0.5 * (a + c) + half if half > 0.0 else 0.0
+    share = largest / (2.0 * half) if largest > least else 0.0  # of the matrix less the smaller one
+    informations[k, 0, 0], informations[k, 1, 1] = share * (a - largest + 2.0 * half), share * (c - largest + 2.0 * half)
+    informations[k, 0, 1] = informations[k, 1, 0] = share * b
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
