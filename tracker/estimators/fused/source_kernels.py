@@ -119,7 +119,8 @@ def _keep(informations, k, least):
     half = math.hypot(0.5 * (a - c), b)  # eigenvalues are the mean, more or less this; of two alike neither is left
     largest = 0.5 * (a + c) + half if half > 0.0 else 0.0
     share = largest / (2.0 * half) if largest > least else 0.0  # of the matrix less the smaller one
-    informations[k, 0, 0], informations[k, 1, 1] = share * (a - largest + 2.0 * half), share * (c - largest + 2.0 * half)
+    smaller = largest - 2.0 * half
+    informations[k, 0, 0], informations[k, 1, 1] = share * (a - smaller), share * (c - smaller)
     informations[k, 0, 1] = informations[k, 1, 0] = share * b
 
 
