@@ -33,12 +33,12 @@ def weigh(rows, at, turned, tails):
         tails: degrees of freedom of Student's t for errors of looks, and of the motion; 0: normal.
     """
     frames, explained, D = rows.frames, rows.explained, rows.frames.state.shape[3]
-    rotations, left, doubt = np.ones((1, D, D)), np.empty((D, D)), np.empty((D, D))
+    rotations, left, doubt, only = np.ones((1, D, D)), np.empty((D, D)), np.empty((D, D)), np.int64(0)
     for k in range(len(at)):
         r = at[k]
         last = frames.sizes[r] - 1
         if D > 1:
-            motion_kernels.rotate(-row_kernels.turn_since(turned, frames.axes[r, last - 1]), rotations, 0)
+            motion_kernels.rotate(-row_kernels.turn_since(turned, frames.axes[r, last - 1]), rotations, only)
         _settle(frames, rows.comparisons, explained, r, left)
         _explain(frames, explained, r, rotations, tails, doubt)
         is_told_of = np.isnan(explained.rivals[r, 0]) and not np.isnan(explained.contrary[r, 0])
@@ -48,23 +48,23 @@ def weigh(rows, at, turned, tails):
                 if is_told_of:
                     doubt[d, e] += share * explained.contrary[r, d] * explained.contrary[r, e]
                 frames.doubts[r, last - 1, d, e] = explained.left[r, d, e] + left[d, e]
-        axes_kernels.turn(left, rotations, 0, D, explained.left[r])
+        axes_kernels.turn(left, rotations, only, D, explained.left[r])
         for d in range(D):
             for e in range(D):
                 frames.doubts[r, last, d, e] = doubt[d, e] + explained.left[r, d, e]
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _settle(frames, comparisons, explained, r, left):
     """Fill in the doubt that the look before leaves (D, D); drop what it told if it is off."""
-    left[:] = 0.0
-    if np.isnan(explained.others[r, 0]):
-        return
-    unsettled, D, before = explained.unsettled[r], len(left), frames.sizes[r] - 2
+    has_other, unsettled = not np.isnan(explained.others[r, 0]), explained.unsettled[r]
+    D, before = len(left), frames.sizes[r] - 2
     for d in range(D):
         for e in range(D):
-            left[d, e] = unsettled * explained.others[r, d] * explained.others[r, e]
+            left[d, e] = unsettled * explained.others[r, d] * explained.others[r, e] if has_other else 0.0
+    if not has_other:
+        return
     latest = comparisons.counts[r] - 1
     has_told = latest >= 0 and comparisons.ends[r, latest, 1] == before + 1
     if explained.is_sudden[r] and has_told and unsettled < UNSETTLED:
@@ -72,7 +72,7 @@ def _settle(frames, comparisons, explained, r, left):
         row_kernels.forget(comparisons, r, before)
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _explain(frames, explained, r, rotations, tails, doubt):
     """Weigh both explanations of the latest look, keep the one that is not taken, and fill in what a step may err.
@@ -86,19 +86,20 @@ def _explain(frames, explained, r, rotations, tails, doubt):
     """
     D, last = len(doubt), frames.sizes[r] - 1
     seconds = frames.times[r, last] - frames.times[r, last - 1]
-    step, shown, expected, covariance = np.empty(D), np.empty(D), np.zeros(D), np.empty((D, D))
-    has_rival = not np.isnan(explained.rivals[r, 0])
+    step, shown, expected, covariance = np.empty(D), np.empty(D), np.empty(D), np.empty((D, D))
+    has_rival, is_sudden, only = not np.isnan(explained.rivals[r, 0]), False, np.int64(0)
     for d in range(D):
-        step[d] = frames.state[r, last, 0, d]
+        step[d], expected[d] = frames.state[r, last, 0, d], 0.0
         for e in range(D):
             step[d] -= rotations[0, d, e] * frames.state[r, last - 1, 0, e]
             expected[d] += rotations[0, d, e] * explained.expected[r, 0, e]
         shown[d] = explained.rivals[r, d] if has_rival else step[d]
-    axes_kernels.turn(explained.expected_covariances[r, 0], rotations, 0, D, covariance)
+        is_sudden |= step[d] != shown[d]
+    axes_kernels.turn(explained.expected_covariances[r, 0], rotations, only, D, covariance)
     odds, away = _weigh(step, shown, expected, covariance, SUDDEN_SD * seconds, tails, doubt)
-    is_sudden = np.any(step != shown)
     cost = odds if is_sudden else -odds
-    explained.others[r] = np.nan
+    for d in range(D):
+        explained.others[r, d] = np.nan
     if cost > MOST_COST:
         return
     explained.costs[r], explained.is_sudden[r], explained.seconds[r] = cost, is_sudden, seconds
@@ -112,7 +113,7 @@ def _explain(frames, explained, r, rotations, tails, doubt):
             explained.rate_covariances[r, d, e] = open_ / seconds**2
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _weigh(step, shown, expected, covariance, sudden, tails, doubt):  # noqa: PLR0913
     """Weigh both explanations: each is as likely as the motion, or an error of the look, makes what is seen.
@@ -134,9 +135,11 @@ def _weigh(step, shown, expected, covariance, sudden, tails, doubt):  # noqa: PL
     Returns:
         logarithm of the odds that the look is off, and where the step was taken to relative to that (D).
     """
-    D, off = len(step), shown - expected
+    D, off, away = len(step), np.empty(len(step)), np.empty(len(step))
     wider = _wider(covariance, OFF_SD**2)
-    back, away = motion_kernels.inverse(wider, D), np.empty(D)
+    back = motion_kernels.inverse(wider, D)
+    for d in range(D):
+        off[d] = shown[d] - expected[d]
     steady = _log_density(tails[1], off, covariance)
     changed = np.log(SUDDEN_SHARE) + _log_density(tails[1], off, _wider(covariance, sudden**2))
     odds = np.log(OFF_SHARE) + _log_density(tails[0], off, wider) - np.logaddexp(steady, changed)
@@ -155,9 +158,10 @@ def _weigh(step, shown, expected, covariance, sudden, tails, doubt):  # noqa: PL
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def _wider(covariance, variance):
-    found = covariance.copy()
+    found = np.empty(covariance.shape)
     for d in range(len(found)):
-        found[d, d] += variance
+        for e in range(len(found)):
+            found[d, e] = covariance[d, e] + (variance if d == e else 0.0)
     return found
 
 
@@ -173,7 +177,7 @@ def _log_density(tail, off, covariance):
     return heavy_tails.log_density(tail, D, distance) - 0.5 * np.log(determinant)
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def take_other(frames, explained, r):
     """Take the other explanation of the look before; the state is that of it already."""

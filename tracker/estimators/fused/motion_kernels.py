@@ -56,7 +56,7 @@ def rotate(angle, rotations, k):
     rotations[k, 0, 0], rotations[k, 0, 1], rotations[k, 1, 0], rotations[k, 1, 1] = c, -s, s, c
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def advance(state, covariance, r, m, dt, rotations, k, density, shakes):
     """Add frame m to a window of m frames, where the motion would lead, in place.
@@ -91,7 +91,7 @@ def advance(state, covariance, r, m, dt, rotations, k, density, shakes):
     _add_own(covariance, r, last, new, dt, rotations, k, density, shakes)
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _add_own(covariance, r, last, new, dt, rotations, k, density, shakes):
     """Fill in the covariance of a new frame's own place and rate, from how both depend on the last frame's."""

@@ -32,14 +32,16 @@ def start(rows, at, times, number, places, rate_sd):
         r = at[k]
         frames.sizes[r], rows.comparisons.counts[r] = 1, 0
         frames.times[r, 0], frames.axes[r, 0], frames.is_off[r, 0] = times[k], number, False
-        frames.state[r, 0], frames.rates[r, 0] = 0.0, 0.0
-        frames.covariance[r, : 2 * D, : 2 * D] = 0.0
-        frames.shakes[r, 0], frames.doubts[r, 0], frames.rate_covariances[r, 0] = 0.0, 0.0, 0.0
         for d in range(D):
-            frames.state[r, 0, 0, d], frames.covariance[r, d, d] = places[k, d], PLACED
-            frames.covariance[r, D + d, D + d] = frames.rate_covariances[r, 0, d, d] = rate_sd**2
-        explained.rivals[r], explained.contrary[r], explained.others[r] = np.nan, np.nan, np.nan
-        explained.contrary_shares[r], explained.unsettled[r], explained.left[r] = 0.0, 0.0, 0.0
+            frames.state[r, 0, 0, d], frames.state[r, 0, 1, d], frames.rates[r, 0, d] = places[k, d], 0.0, 0.0
+            explained.rivals[r, d] = explained.contrary[r, d] = explained.others[r, d] = np.nan
+            for e in range(D):
+                frames.shakes[r, 0, d, e] = frames.doubts[r, 0, d, e] = explained.left[r, d, e] = 0.0
+                frames.covariance[r, d, D + e] = frames.covariance[r, D + d, e] = 0.0
+                frames.covariance[r, d, e] = PLACED if d == e else 0.0
+                known = rate_sd**2 if d == e else 0.0
+                frames.covariance[r, D + d, D + e] = frames.rate_covariances[r, 0, d, e] = known
+        explained.contrary_shares[r] = explained.unsettled[r] = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -55,7 +57,7 @@ def advance(frames, comparisons, at, times, turned, density, shakes):
         density: of the acceleration's noise.
         shakes: covariance that the new places have beside that of the motion (K, D, D).
     """
-    n, D = frames.state.shape[1], frames.state.shape[3]
+    n, D, oldest = frames.state.shape[1], frames.state.shape[3], np.int64(0)  # not a literal; see window_kernels
     rotations = turns_since(frames, at, turned)
     number = turned.first_kept + len(turned.angles) - 1
     for k in range(len(at)):
@@ -64,7 +66,7 @@ def advance(frames, comparisons, at, times, turned, density, shakes):
         dt = time - frames.times[r, frames.sizes[r] - 1]
         if frames.sizes[r] == n:
             _leave(frames, r)
-            forget(comparisons, r, 0)
+            forget(comparisons, r, oldest)
             for c in range(comparisons.counts[r]):
                 comparisons.ends[r, c, 0] -= 1
                 comparisons.ends[r, c, 1] -= 1
@@ -85,7 +87,7 @@ def next_time(frames, r, time):
     return max(time, frames.times[r, frames.sizes[r] - 1] + SHORTEST_STEP)
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def expect(frames, explained, at, times, density, shakes):
     """Say where the motion would lead, by what was taken of the latest looks and by the other explanations.
@@ -98,12 +100,13 @@ def expect(frames, explained, at, times, density, shakes):
     for k in range(len(at)):
         r, last = at[k], frames.sizes[at[k]] - 1
         dt, first = next_time(frames, r, times[k]) - frames.times[r, last], 2 * D * last + D
-        explained.rivals[r], explained.contrary[r], explained.contrary_shares[r] = np.nan, np.nan, 0.0
+        explained.contrary_shares[r] = 0.0
         has_other = not np.isnan(explained.others[r, 0])
         explained.unsettled[r] = 1.0 / (1.0 + np.exp(explained.costs[r])) if has_other else 0.0
         for d in range(D):
             expected[r, 0, d], expected[r, 1, d] = dt * frames.state[r, last, 1, d], dt * explained.rates[r, d]
             explained.known_rates[r, d] = explained.rates[r, d]
+            explained.rivals[r, d] = explained.contrary[r, d] = np.nan
             for e in range(D):
                 known, other = frames.covariance[r, first + d, first + e], explained.rate_covariances[r, d, e]
                 own = dt**2 * known + shakes[k, d, e] + (density * dt**3 / 3.0 if d == e else 0.0)
@@ -133,7 +136,7 @@ def turn_since(turned, number):
     return turned.angles[-1] - turned.angles[max(number - turned.first_kept, 0)]
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _leave(frames, r):
     """Let the oldest frame of a window go."""

@@ -1,6 +1,6 @@
 """Windows that have comparisons, taken out of their rows, solved for, and put back; compiled by numba.
 
-numba's cache looks at this file only: after a change in a neighbour, delete `__pycache__/*.nb*` beside it.
+For how these are compiled, and what that asks for after a change, see `window_kernels`.
 """
 
 import typing
@@ -25,54 +25,78 @@ def solve(rows, at, turned, axes, densities, tails, claimed):
     Returns:
         whether there was anything to solve for; angles and rates of the axes, and the variance of the latest rate.
     """
-    told = at[rows.comparisons.counts[at] > 0]
-    if len(told) == 0:
+    told, n = np.empty(len(at), np.int64), 0
+    for k in range(len(at)):
+        if rows.comparisons.counts[at[k]] > 0:
+            told[n] = at[k]
+            n += 1
+    if n == 0:
         return False, axes.angles, axes.rates, 0.0
-    problem = _taken(rows, told, turned)
+    problem = _taken(rows, told[:n], turned)
     state, covariances, angles, rates, variance, chosen = window_kernels.solve(problem, axes, densities, tails, claimed)
-    _put_back(rows, told, state, covariances, chosen)
+    _put_back(rows, told[:n], state, covariances, chosen)
     return True, angles, rates, variance
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _taken(rows, told, turned):
-    """Lay windows one after the other."""
-    frames, D = rows.frames, rows.frames.state.shape[3]
-    sizes, counts = frames.sizes[told], rows.comparisons.counts[told]
-    N, K = sizes.sum(), len(told)
+    """Lay windows one after the other, as `window_kernels.Problem`; by single numbers, which compiles fastest."""
+    frames, D, K = rows.frames, rows.frames.state.shape[3], len(told)
+    sizes, counts, N, M = np.empty(K, np.int64), np.empty(K, np.int64), np.int64(0), np.int64(0)
+    for k in range(K):
+        sizes[k], counts[k] = frames.sizes[told[k]], rows.comparisons.counts[told[k]]
+        N, M = N + sizes[k], M + counts[k]
     times, numbers, angles = np.empty(N), np.empty(N, np.int64), np.empty(N)
-    state, shakes = np.empty((N, 2, D)), np.empty((N, D, D))
-    rates, informations = np.empty((K, D)), np.empty((K, D, D))
-    f = np.int64(0)  # not a literal; see window_kernels
+    state, shakes, f = np.empty((N, 2, D)), np.empty((N, D, D)), 0
     for k in range(K):
         r = told[k]
-        rates[k], informations[k] = frames.rates[r, 0], motion_kernels.inverse(frames.rate_covariances[r, 0], D)
         for j in range(sizes[k]):
             number = frames.axes[r, j]
             times[f], numbers[f] = frames.times[r, j], max(number - turned.first_open, -1)
             angles[f] = turned.angles[max(number - turned.first_kept, 0)]
-            state[f], shakes[f] = frames.state[r, j], frames.shakes[r, j]
+            for d in range(D):
+                state[f, 0, d], state[f, 1, d] = frames.state[r, j, 0, d], frames.state[r, j, 1, d]
+                for e in range(D):
+                    shakes[f, d, e] = frames.shakes[r, j, d, e]
             f += 1
-    ends, olders, newers, claimed, doubts = _heard(rows.comparisons, told, D)
-    expected, uncertain, other_expected, other_uncertain = _expected(rows.explained, told)
-    explained = rows.explained
+    ends, olders, newers, claimed, doubts = _heard(rows.comparisons, told, M, D)
+    vectors, squares = np.empty((5, K, D)), np.empty((3, K, D, D))
+    costs, is_sudden = np.empty(K), np.empty(K, np.bool_)
+    for k in range(K):
+        _explain(frames, rows.explained, told[k], vectors, squares, k)
+        costs[k], is_sudden[k] = rows.explained.costs[told[k]], rows.explained.is_sudden[told[k]]
     return window_kernels.Problem(
-        sizes, counts, times, numbers, angles, state, shakes, expected, uncertain, rates, informations,
-        explained.others[told], explained.rates[told], other_expected, other_uncertain, explained.costs[told],
-        explained.is_sudden[told], ends, olders, newers, claimed, doubts,
+        sizes, counts, times, numbers, angles, state, shakes, vectors[0], squares[0], vectors[2], squares[2],
+        vectors[3], vectors[4], vectors[1], squares[1], costs, is_sudden, ends, olders, newers, claimed, doubts,
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
-def _heard(comparisons, told, D):
-    """Lay comparisons one after the other, and what was measured in arrays of its own."""
-    M = comparisons.counts[told].sum()
-    ends, points = np.empty((M, 2), np.int64), np.empty((2, M, D))
-    squares = np.empty((2, M, D, D))
-    counts, c = comparisons.counts, np.int64(0)  # not a literal; see window_kernels
-    for r in told:
+def _explain(frames, explained, r, vectors, squares, k):
+    """Fill in the steps that are expected by either explanation, and covariances; rates at the first frame, and their
+    information; place and rate by the other explanation."""
+    D = vectors.shape[2]
+    information = motion_kernels.inverse(frames.rate_covariances[r, 0], D)
+    for d in range(D):
+        vectors[0, k, d], vectors[1, k, d] = explained.expected[r, 0, d], explained.expected[r, 1, d]
+        vectors[2, k, d] = frames.rates[r, 0, d]
+        vectors[3, k, d], vectors[4, k, d] = explained.others[r, d], explained.rates[r, d]
+        for e in range(D):
+            squares[0, k, d, e] = explained.expected_covariances[r, 0, d, e]
+            squares[1, k, d, e] = explained.expected_covariances[r, 1, d, e]
+            squares[2, k, d, e] = information[d, e]
+
+
+@njit(inline="always")
+@typing.no_type_check
+def _heard(comparisons, told, M, D):
+    """Lay comparisons one after the other, M in all, and what was measured in arrays of its own."""
+    ends, points, squares = np.empty((M, 2), np.int64), np.empty((2, M, D)), np.empty((2, M, D, D))
+    counts, c = comparisons.counts, 0
+    for k in range(len(told)):
+        r = told[k]
         for m in range(counts[r]):
             for s in range(2):
                 ends[c, s] = comparisons.ends[r, m, s]
@@ -84,31 +108,23 @@ def _heard(comparisons, told, D):
     return ends, points[0], points[1], squares[0], squares[1]
 
 
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _expected(explained, told):
-    """Give the last steps that are expected, by either explanation, and their covariances."""
-    K, D = len(told), explained.expected.shape[2]
-    steps, covariances = np.empty((2, K, D)), np.empty((2, K, D, D))
-    for k in range(K):
-        for s in range(2):
-            steps[s, k], covariances[s, k] = explained.expected[told[k], s], explained.expected_covariances[told[k], s]
-    return steps[0], covariances[0], steps[1], covariances[1]
-
-
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _put_back(rows, told, state, covariances, chosen):
     """Take what was found for known."""
-    frames, explained, D, f = rows.frames, rows.explained, state.shape[2], np.int64(0)
+    frames, explained, D, f = rows.frames, rows.explained, state.shape[2], 0
     for k in range(len(told)):
-        r = told[k]
-        m = frames.sizes[r]
-        frames.state[r, :m] = state[f : f + m]
-        frames.covariance[r, : 2 * D * m, : 2 * D * m] = covariances[k, : 2 * D * m, : 2 * D * m]
-        explained.rivals[r], explained.contrary[r] = chosen.rivals[k], chosen.contrary[k]
+        r, size = told[k], frames.sizes[told[k]]
+        for j in range(size):
+            for d in range(D):
+                frames.state[r, j, 0, d], frames.state[r, j, 1, d] = state[f, 0, d], state[f, 1, d]
+            f += 1
+        for p in range(2 * D * size):
+            for q in range(2 * D * size):
+                frames.covariance[r, p, q] = covariances[k, p, q]
+        for d in range(D):
+            explained.rivals[r, d], explained.contrary[r, d] = chosen.rivals[k, d], chosen.contrary[k, d]
         explained.contrary_shares[r], explained.unsettled[r] = chosen.contrary_shares[k], chosen.unsettled[k]
         if chosen.is_other[k]:
             hypotheses.take_other(frames, explained, r)
         row_kernels.learn_rate(frames, r)
-        f += m

@@ -35,7 +35,9 @@ def read(places, turns, looks, centers, at, motions, share, sweeps):
         sweeps: share of the time between two frames that lies between two looks at least, for these to tell of a
             velocity; period of a sweep, and the shortest time between two frames [s].
     """
-    N = places.sizes[at].sum() - len(at)
+    N = 0
+    for r in at:
+        N += places.sizes[r] - 1
     owners, frames, numbers, lengths = _four(N)
     seconds, fewest, tells, by_clock = np.empty(N), np.empty(N), np.empty(N, np.bool_), np.empty(N)
     i = 0
@@ -72,7 +74,7 @@ def _by_clock(looks, r, j, sweeps):
     return 1.0 + late / max(looks[r, j, CLOCK] - looks[r, j - 1, CLOCK], sweeps[2])
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _refer(places, turns, centers, at, seconds, moved, known, turned, turns_known):
     """Let displacements of places be velocities of centres, and covariances of those count for these, in place.
@@ -99,11 +101,11 @@ def _refer(places, turns, centers, at, seconds, moved, known, turned, turns_know
                         sign = 1.0 if d == e else -1.0
                         known[i, d, e] += sign * turns_known[i, 0, 0] * arm[1 - d] * arm[1 - e]
             i += 1 if j > 0 else 0
-        latest[k], rates[k] = center, turned[i - 1, 0] / seconds[i - 1]
+        latest[k, 0], latest[k, 1], rates[k] = center[0], center[1], turned[i - 1, 0] / seconds[i - 1]
     return half_way, latest, rates
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def _errors(places, looks, at, seconds, velocities, known, shaken, share):
     """Give the covariances of velocities (N, 2, 2), and those of doubts about them."""

@@ -26,7 +26,7 @@ def advance(places, turns, heard, looks, at, new, turned, densities, pose_turn_s
         pose_turn_sd: of the axes' own turn [rad].
     """
     K, sizes, n = len(at), places.frames.sizes, looks.shape[1]
-    state, shakes, across = places.frames.state, np.empty((K, 2, 2)), np.empty(2)
+    state, shakes, across, times = places.frames.state, np.empty((K, 2, 2)), np.empty(2), np.empty(K)
     for k in range(K):
         r = at[k]
         last = sizes[r] - 1
@@ -35,11 +35,11 @@ def advance(places, turns, heard, looks, at, new, turned, densities, pose_turn_s
         for d in range(2):
             for e in range(2):
                 shakes[k, d, e] = across[d] * across[e]
-        if last == n - 1:
-            for j in range(last):
-                looks[r, j] = looks[r, j + 1]
-        looks[r, min(last + 1, n - 1)] = new[k]
-    times = new[:, TIME].copy()
+        times[k] = new[k, TIME]
+        for c in range(looks.shape[2]):
+            for j in range(last if last == n - 1 else 0):
+                looks[r, j, c] = looks[r, j + 1, c]
+            looks[r, min(last + 1, n - 1), c] = new[k, c]
     row_kernels.expect(places.frames, places.explained, at, times, densities[0], shakes)
     row_kernels.advance(places.frames, places.comparisons, at, times, turned, densities[0], shakes)
     row_kernels.advance(turns, heard, at, times, turned, densities[1], np.zeros((K, 1, 1)))

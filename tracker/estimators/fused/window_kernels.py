@@ -7,7 +7,9 @@ and the same for all objects: eliminating the objects one by one (Schur compleme
 Loops over comparisons take arrays out of the tuples first, hand them on whole, with the row that is meant, and make
 none: numba counts references to arrays, with locked instructions, wherever a tuple or a row is taken apart, which was
 half of the time.
-numba's cache of `solve` looks at this file only: after a change in a neighbour, delete `__pycache__/*.nb*` beside it.
+numba optimises what is called once more within its caller: large functions, and those that are called in one place,
+are put into that (`inline`), or all of them would be compiled twice.  Its cache looks at the caller's file only: after
+a change in a neighbour, delete `__pycache__/*.nb*` beside it.
 
 Source: iteratively reweighted least squares for Student's t (`heavy_tails`); elimination as in bundle adjustment,
 Triggs et al., "Bundle adjustment - a modern synthesis", 2000, section 6.1.
@@ -103,7 +105,7 @@ class Axes(NamedTuple):
     density: float
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 @typing.no_type_check
 def solve(windows, axes, densities, tails, claimed):
     """Find the most likely unknowns of all frames, and their covariance.
