@@ -293,9 +293,10 @@ def _measurements(keys: Sequence[int], found: Steps, measured: Set[int]) -> dict
         found: their steps.
         measured: numbers of those of which anything was measured.
     """
-    ends, frames, measurements = found.ends.tolist(), found.frames.tolist(), {}
+    ends, measurements = found.ends.tolist(), {}
+    told = list(map(Hindsight, found.frames.tolist(), found.velocities, found.covariances))
     for k, (key, begin, end) in enumerate(zip(keys, [0, *ends[:-1]], ends, strict=True)):
-        words = [Hindsight(frames[i], found.velocities[i], found.covariances[i]) for i in range(end - 1, begin - 1, -1)]
+        words = told[begin:end][::-1]
         measurements[key] = Measurement(
             position=found.centers[k],
             velocity=words[0].velocity,

@@ -41,7 +41,7 @@ class Heading:
         turns: whether the axes turn at all.
         first_kept: number of the first frame that is remembered.
         times: of the frames from that on [s].
-        angles, rates: of the axes at each [rad, rad/s].
+        rates: of the axes at each [rad/s].
         heard: of the open frames: numbers of an older and a newer one, by how much the axes turned between them as
             one object tells [rad], and the information of that [1/rad^2].
     """
@@ -51,11 +51,16 @@ class Heading:
         self.turns = turns
         self.first_kept = 0
         self.times: list[float] = []
-        self.angles: Numbers = np.zeros(0)
+        self._room = np.zeros(MOST_KEPT + 1)
         self.rates: list[float] = []
         self.heard: list[tuple[int, int, float, float]] = []
         self._n_frames = n_frames
         self._known: list[tuple[float, float]] = []  # rate of turn at each frame, known at its own time, and variance
+
+    @property
+    def angles(self) -> Numbers:
+        """The axes' angle at each frame that is remembered [rad]."""
+        return self._room[: len(self.times)]
 
     @property
     def latest(self) -> int:
@@ -83,17 +88,17 @@ class Heading:
     def advance(self, time: float) -> None:
         """Begin a frame, and expect the axes to have gone on turning as they did."""
         if not self.times:
-            self.times, self.angles, self.rates, self._known = [time], np.zeros(1), [0.0], [(0.0, RATE_SD**2)]
+            self.times, self.rates, self._known = [time], [0.0], [(0.0, RATE_SD**2)]
             return
         dt = max(time - self.times[-1], SHORTEST_STEP)
         mean, variance = self._known[-1]
         self.times.append(self.times[-1] + dt)
-        self.angles = np.append(self.angles, self.angles[-1] + dt * self.rates[-1])
+        self.angles[-1] = self.angles[-2] + dt * self.rates[-1]
         self.rates.append(self.rates[-1])
         self._known.append((mean, variance + DENSITY * dt))
         if len(self.times) > MOST_KEPT:
             self.first_kept += 1
-            self.angles = self.angles[1:]
+            self._room[:-1] = self._room[1:]
             for series in (self.times, self.rates, self._known):
                 del series[0]
         first = self.first

@@ -61,6 +61,7 @@ class Look:
             instant.
         is_timed: whether it is known when each point was seen: all are of one instant, or their lasers are known.
         learned: what the network makes of it.
+        mean: of the points that the network was shown, with the shift (x, y) [m].
         frame: number of the frame in its sequence.
         time: when the beams passed the middle [s].
         delay: how long after the time of the frame that was [s]; 0 where all points are of one instant.
@@ -77,6 +78,7 @@ class Look:
     passed: Float64[np.ndarray, " n"] | None
     is_timed: bool
     learned: Encoding
+    mean: tuple[float, float]
     frame: int
     time: float
     delay: float
@@ -95,7 +97,8 @@ class Look:
         shift = self.delay * sensor.carried(self.middle[None])[0]
         points = self.points.copy()
         points[:, :2] += shift - self.shift
-        return replace(self, points=points, sensor=sensor, shift=shift)
+        mean = _mean(self.learned, shift)
+        return replace(self, points=points, sensor=sensor, shift=shift, mean=mean)
 
     def straightened(self, velocity: Vector) -> "Look":
         """Undo what the object moved while the beams passed it, up to a decimetre at its ends when it is close.
@@ -107,8 +110,7 @@ class Look:
         """
         if self.passed is None:
             return self
-        points = self.points.copy()
-        points[:, :2] += (self.delay - self.passed)[:, None] * velocity
+        points = sensor_kernels.straighten(self.points, self.passed, self.delay, *velocity.tolist())
         return replace(self, points=points, passed=None)
 
 
@@ -136,6 +138,7 @@ def looked_at(
             passed=each.passed,
             is_timed=each.is_timed,
             learned=encoding,
+            mean=_mean(encoding, each.shift),
             frame=sighting.frame,
             time=(time := sighting.timestamp if each.passed is None else sighting.frame_timestamp + each.delay),
             delay=each.delay,
@@ -144,6 +147,11 @@ def looked_at(
         )
         for sighting, encoding, each in zip(sightings, learned, met, strict=True)
     ]
+
+
+def _mean(learned: Encoding, shift: Vector) -> tuple[float, float]:
+    x, y = (learned.cloud.centroid[:2] + shift).tolist()
+    return x, y
 
 
 class _Met(NamedTuple):

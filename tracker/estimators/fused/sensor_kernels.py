@@ -59,6 +59,17 @@ def meet(points, begin, lags, middles, sensor, sweep):  # noqa: PLR0913
     return passed, met, shifts, took
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def straighten(points, passed, at, vx, vy):
+    """Give where points (n, 3) were at one time [s], which move by (vx, vy) [m/s] and were passed at others (n) [s]."""
+    found = points.copy()
+    for i in range(len(points)):
+        found[i, 0] += (at - passed[i]) * vx
+        found[i, 1] += (at - passed[i]) * vy
+    return found
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 @typing.no_type_check
 def delay(x, y, lag, sensor, sweep):

@@ -20,8 +20,8 @@ def opinions(motions, covariances, is_doubtful, numbers, looks, places, evidence
         covariances: of (x, y, yaw) about that centre (m, 3, 3).
         is_doubtful: answers that tell nothing (m).
         numbers: of the pairs, among the M (m).
-        looks: of each pair, means of both clouds (x, y), and the shifts of both looks, of which the network does not
-            know (m, 8) [m].
+        looks: of each pair, where the means of both clouds are put (x, y) [m], and what few points add to the variance
+            of the turn (m, 5).
         places: of the objects' reference points in the earlier looks (M, 2) [m].
         evidence: steps of these (M, 2), informations of the steps (M, 2, 2), turns, and their variances (M); written.
     """
@@ -30,15 +30,14 @@ def opinions(motions, covariances, is_doubtful, numbers, looks, places, evidence
         if is_doubtful[k]:
             continue
         m = numbers[k]
-        x = places[m, 0] - looks[k, 4] - looks[k, 0] - motions[k, 0]
-        y = places[m, 1] - looks[k, 5] - looks[k, 1] - motions[k, 1]
+        x, y = places[m, 0] - looks[k, 0] - motions[k, 0], places[m, 1] - looks[k, 1] - motions[k, 1]
         c, s = math.cos(motions[k, 6]), math.sin(motions[k, 6])
         x, y = c * x - s * y, s * x + c * y
-        steps[m, 0] = looks[k, 2] + motions[k, 3] + x + looks[k, 6] - places[m, 0]
-        steps[m, 1] = looks[k, 3] + motions[k, 4] + y + looks[k, 7] - places[m, 1]
+        steps[m, 0] = looks[k, 2] + motions[k, 3] + x - places[m, 0]
+        steps[m, 1] = looks[k, 3] + motions[k, 4] + y - places[m, 1]
         xx, xy, yy = _carried(covariances, k, x, y)
         _invert(xx + ROUNDING, xy, yy + ROUNDING, informations, m)
-        turns[m], turn_variances[m] = motions[k, 6], covariances[k, 2, 2] + ROUNDING
+        turns[m], turn_variances[m] = motions[k, 6], covariances[k, 2, 2] + ROUNDING + looks[k, 4]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

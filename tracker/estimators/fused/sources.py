@@ -246,15 +246,14 @@ class Learned:
                 continue
             clouds = [(pairs[k][0].learned.cloud, pairs[k][1].learned.cloud) for k in own]
             found, is_doubtful = network.compare(clouds)
-            told = [
-                (*a.centroid[:2], *b.centroid[:2], *pairs[k][0].shift, *pairs[k][1].shift)
-                for k, (a, b) in zip(own, clouds, strict=True)
-            ]
-            evidence = steps, informations, turns, variances
-            source_kernels.opinions(
-                found.motions, found.covariance, is_doubtful, np.array(own), np.array(told), places, evidence
+            told = np.array(
+                [
+                    (*a.mean, *b.mean, (TURN_SAMPLING / min(a.n_points, b.n_points)) ** 2)
+                    for a, b in map(pairs.__getitem__, own)
+                ]
             )
-        variances += (TURN_SAMPLING / np.array([min(a.n_points, b.n_points) for a, b in pairs])) ** 2
+            evidence = steps, informations, turns, variances
+            source_kernels.opinions(found.motions, found.covariance, is_doubtful, np.array(own), told, places, evidence)
         return Evidence(steps, informations, turns, variances, np.zeros(n, dtype=np.bool_))
 
     def _network(self, class_name: str) -> Networks:
