@@ -654,10 +654,18 @@ def _compare_with_planes(  # noqa: PLR0913
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
 def inverses(matrices):
-    """Invert matrices (n, m, m); NumPy's own takes longer to call than to compute."""
+    """Invert symmetric matrices (n, 3, 3); NumPy's own takes longer to call than to compute, and LAPACK to compile."""
     found = np.empty(matrices.shape)
     for k in range(len(matrices)):
-        found[k] = np.linalg.inv(matrices[k])
+        a, b, c = matrices[k, 0, 0], matrices[k, 0, 1], matrices[k, 0, 2]
+        d, e, f = matrices[k, 1, 1], matrices[k, 1, 2], matrices[k, 2, 2]
+        p, q, r = d * f - e * e, c * e - b * f, b * e - c * d  # cofactors
+        determinant = a * p + b * q + c * r
+        found[k, 0, 0], found[k, 1, 1] = p / determinant, (a * f - c * c) / determinant
+        found[k, 2, 2] = (a * d - b * b) / determinant
+        found[k, 0, 1] = found[k, 1, 0] = q / determinant
+        found[k, 0, 2] = found[k, 2, 0] = r / determinant
+        found[k, 1, 2] = found[k, 2, 1] = (b * c - a * e) / determinant
     return found
 
 
@@ -675,16 +683,17 @@ def covariances(outcomes, informations, known, sizes, variance, shares):  # noqa
             that is apart, a factor where iterations did not settle, and of any shift.
     """
     shared, sampling, apart, unsettled, floor = shares
-    found = np.empty((len(outcomes), 3, 3))
-    for k in range(len(found)):
+    whole = np.empty((len(outcomes), 3, 3))
+    for k in range(len(outcomes)):
         n_pairs, fewest = outcomes[k, 1], max(min(sizes[k, 0], sizes[k, 1]), 1)
         alone = 1.0 - n_pairs / max(sizes[k, 0], 1)
         own = shared * n_pairs + sampling / fewest + apart * alone * alone
         own *= 1.0 if outcomes[k, 0] == CONVERGED else unsettled
-        covariance = np.linalg.inv(informations[k] * (variance / own) + known[k])
         for i in range(3):
             for j in range(3):
-                found[k, i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
+                whole[k, i, j] = informations[k, i, j] * (variance / own) + known[k, i, j]
+    found = inverses(whole)
+    for k in range(len(found)):
         found[k, 0, 0] += floor
         found[k, 1, 1] += floor
     return found

@@ -46,7 +46,7 @@ def nothing(K, D):
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def choose(x, windows, rotations, tails):
-    """Put each object's last two places where they explain best.
+    """Put each object's last two places where they explain best, in the plane (D = 2).
 
     The last one is where it is, or where one of its comparisons would have it: where all comparisons tell of a sudden
     change, each would be taken for an error, since it is far off.  Of the look before there may be two explanations
@@ -59,44 +59,81 @@ def choose(x, windows, rotations, tails):
         rotations: from the axes of each frame to steady ones (N, D, D).
         tails: degrees of freedom of the errors of comparisons and of the motion.
     """
-    K, D = len(windows.sizes), rotations.shape[1]
-    chosen = nothing(K, D)
+    K, times, sizes, others = len(windows.sizes), windows.times, windows.sizes, windows.others
+    chosen, uncertain = nothing(K, 2), np.empty((2, 2))
     frame = first = np.int64(0)  # not a literal; see window_kernels
     for k in range(K):
-        last = windows.sizes[k] - 1
-        at, f = 2 * D * last, frame + last
-        R, R_before, seconds = rotations[f], rotations[f - 1], windows.times[f] - windows.times[f - 1]
-        other = np.zeros(D) if np.isnan(windows.others[k, 0]) else R_before @ windows.others[k]
-        shown = x[k, at - 2 * D : at - D] + (other if windows.is_sudden[k] else np.zeros(D))
+        last = sizes[k] - 1
+        at, f = 4 * last, frame + last
+        seconds, has_other = times[f] - times[f - 1], not np.isnan(others[k, 0])
+        before, other = (x[k, at - 4], x[k, at - 3]), (0.0, 0.0)
+        if has_other:
+            other = _turned(rotations, f - 1, others[k, 0], others[k, 1])
+        is_there = windows.is_sudden[k]  # the look before shows the object where the other explanation has it
+        shown = (before[0] + other[0], before[1] + other[1]) if is_there else before
         places, informations = _shown(x, k, frame, first, windows, rotations, shown)
-        expected = x[k, at - 2 * D : at - D] + R_before @ windows.expected[k]
-        uncertain = R_before @ windows.expected_covariances[k] @ R_before.T
-        place, likely, contrary, share, cost = _best(
-            places, informations, expected, uncertain, HARDEST * seconds**2, tails
-        )
-        if not np.isnan(windows.others[k, 0]) and len(places) == 1:
+        step = _turned(rotations, f - 1, windows.expected[k, 0], windows.expected[k, 1])
+        axes_kernels.turn(windows.expected_covariances[k], rotations, f - 1, 2, uncertain)
+        expected = before[0] + step[0], before[1] + step[1]
+        place, likely, contrary, share, cost = _best(places, informations, expected, uncertain, seconds, tails)
+        if has_other and len(places) == 1:
             chosen.unsettled[k] = 1.0 / (1.0 + np.exp(windows.other_costs[k]))
-        elif not np.isnan(windows.others[k, 0]):
-            places[0] = x[k, at - 2 * D : at - D] + other + R_before @ windows.other_expected[k]
-            uncertain = R_before @ windows.other_covariances[k] @ R_before.T
-            own = _best(places, informations, places[0], uncertain, HARDEST * seconds**2, tails)
+        elif has_other:
+            step = _turned(rotations, f - 1, windows.other_expected[k, 0], windows.other_expected[k, 1])
+            axes_kernels.turn(windows.other_covariances[k], rotations, f - 1, 2, uncertain)
+            expected = before[0] + other[0] + step[0], before[1] + other[1] + step[1]
+            places[0, 0], places[0, 1] = expected
+            own = _best(places, informations, expected, uncertain, seconds, tails)
             worse = own[4] + windows.other_costs[k] - cost
-            chosen.unsettled[k], chosen.is_other[k] = 1.0 / (1.0 + np.exp(np.abs(worse))), worse < 0.0
+            chosen.unsettled[k], chosen.is_other[k] = 1.0 / (1.0 + np.exp(abs(worse))), worse < 0.0
             if worse < 0.0:
                 place, likely, contrary, share = own[0], own[1], own[2], own[3]
-                x[k, at - 2 * D : at - D] += other
-                x[k, at - D : at] = R_before @ windows.other_rates[k]
-            if chosen.is_other[k] != windows.is_sudden[k]:
+                x[k, at - 4], x[k, at - 3] = before[0] + other[0], before[1] + other[1]
+                rate = _turned(rotations, f - 1, windows.other_rates[k, 0], windows.other_rates[k, 1])
+                x[k, at - 2], x[k, at - 1] = rate
+            if chosen.is_other[k] != is_there:
                 _silence(windows, k, first, last - 1)
-        before = x[k, at - 2 * D : at]
-        if np.any(likely != place):
-            chosen.rivals[k] = R.T @ (likely - before[:D])
-        chosen.contrary[k], chosen.contrary_shares[k] = R.T @ (contrary - place), share
-        if np.any(place != x[k, at : at + D]):
-            x[k, at : at + D] = place
-            x[k, at + D : at + 2 * D] = 1.5 * (place - before[:D]) / seconds - 0.5 * before[D:]
-        frame, first = frame + windows.sizes[k], first + windows.counts[k]
+        _tell(chosen, k, rotations, f, (x[k, at - 4], x[k, at - 3]), (place, likely, contrary, share))
+        _put(x, k, at, place, seconds)
+        frame, first = frame + sizes[k], first + windows.counts[k]
     return chosen
+
+
+@njit(inline="always")
+@typing.no_type_check
+def _tell(chosen, k, rotations, f, before, found):
+    """Say what else the comparisons of an object tell, in the axes of its last frame; `found` by `_best`."""
+    place, likely, contrary, share = found
+    if likely != place:
+        x, y = likely[0] - before[0], likely[1] - before[1]
+        chosen.rivals[k, 0], chosen.rivals[k, 1] = _turned_back(rotations, f, x, y)
+    x, y = contrary[0] - place[0], contrary[1] - place[1]
+    chosen.contrary[k, 0], chosen.contrary[k, 1] = _turned_back(rotations, f, x, y)
+    chosen.contrary_shares[k] = share
+
+
+@njit(inline="always")
+@typing.no_type_check
+def _put(x, k, at, place, seconds):
+    """Put an object's last place somewhere, with the rate that leads there, if it is not there already."""
+    if place[0] != x[k, at] or place[1] != x[k, at + 1]:
+        for d in range(2):
+            x[k, at + d] = place[d]
+            x[k, at + 2 + d] = 1.5 * (place[d] - x[k, at - 4 + d]) / seconds - 0.5 * x[k, at - 2 + d]
+
+
+@njit(inline="always")
+@typing.no_type_check
+def _turned(rotations, f, x, y):
+    """Turn a vector from the axes of a frame to steady ones."""
+    return rotations[f, 0, 0] * x + rotations[f, 0, 1] * y, rotations[f, 1, 0] * x + rotations[f, 1, 1] * y
+
+
+@njit(inline="always")
+@typing.no_type_check
+def _turned_back(rotations, f, x, y):
+    """Turn a vector from steady axes to those of a frame."""
+    return rotations[f, 0, 0] * x + rotations[f, 1, 0] * y, rotations[f, 0, 1] * x + rotations[f, 1, 1] * y
 
 
 @njit(cache=True, nogil=True)
@@ -112,95 +149,86 @@ def _shown(x, k, frame, first, windows, rotations, shown):  # noqa: PLR0913
         shown: where the look before the last shows the object; it need not be there.
 
     Returns:
-        places (n, D) and informations (n, D, D); the first of these is none.
+        places (n, 2) and informations (n, 2, 2); the first of these is none.
     """
-    D, last = rotations.shape[1], windows.sizes[k] - 1
-    ends, n = windows.ends, 1
+    last, ends, n = windows.sizes[k] - 1, windows.ends, 1
     for c in range(first, first + windows.counts[k]):
         n += 1 if ends[c, 1] == last else 0
-    places, informations = np.zeros((n, D)), np.zeros((n, D, D))
-    for d in range(D):
-        places[0, d] = x[k, 2 * D * last + d]
+    places, informations = np.zeros((n, 2)), np.zeros((n, 2, 2))
+    places[0, 0], places[0, 1] = x[k, 4 * last], x[k, 4 * last + 1]
     olders, newers, claimed, doubts = windows.olders, windows.newers, windows.informations, windows.doubts
-    n, own = 1, np.empty((D, D))
+    n, own = 1, np.empty((2, 2))
     for c in range(first, first + windows.counts[k]):
         if ends[c, 1] != last:
             continue
-        older, f = ends[c, 0], frame + ends[c, 0]
-        for d in range(D):
-            places[n, d] = shown[d] if older == last - 1 else x[k, 2 * D * older + d]
-            for e in range(D):
-                places[n, d] += rotations[frame + last, d, e] * newers[c, e] - rotations[f, d, e] * olders[c, e]
-        claims.believe(claimed, doubts, c, 1.0, D, own)
-        axes_kernels.turn(own, rotations, frame + last, D, informations[n])
+        older = ends[c, 0]
+        for d in range(2):
+            places[n, d] = shown[d] if older == last - 1 else x[k, 4 * older + d]
+            for e in range(2):
+                places[n, d] += (
+                    rotations[frame + last, d, e] * newers[c, e] - rotations[frame + older, d, e] * olders[c, e]
+                )
+        claims.believe(claimed, doubts, c, 1.0, 2, own)
+        axes_kernels.turn(own, rotations, frame + last, 2, informations[n])
         n += 1
     return places, informations
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _best(places, informations, expected, uncertain, farthest, tails):
+def _best(places, informations, expected, uncertain, seconds, tails):
     """Choose the likeliest among the present place, which is the first, and those of comparisons.
 
-    Within reach is what is no farther than `farthest` beside three standard deviations of the expected place in that
-    direction.
+    Within reach is what is no farther than HARDEST allows in that time, beside three standard deviations of the
+    expected place in that direction.
 
     Returns:
         the likeliest place within reach, that of all, that of those apart from the first of these (NaN where there is
         none) and its probability beside that, and the negative logarithm of the first one's likelihood.
     """
-    n, D = places.shape
-    costs, is_within = _costs(places, informations, expected, uncertain, farthest, tails)
-    best = np.argmin(np.where(is_within, costs, np.inf))
-    contrary, least = -1, costs[best] + UNLIKELY
-    for i in range(1, n):
-        length2 = 0.0
-        for d in range(D):
-            length2 += (places[i, d] - places[best, d]) ** 2
-        if costs[i] < least and length2 > APART**2:
-            contrary, least = i, costs[i]
-    # how much wider than the comparisons' own the likelihood of what they tell is: nothing, where they tell nothing
-    wide = np.log(np.linalg.det(np.eye(D) + uncertain @ informations.sum(axis=0)))
-    share = 0.0 if contrary < 0 else 1.0 / (1.0 + np.exp(least - costs[best]))
-    there = places[contrary].copy() if contrary >= 0 else np.full(D, np.nan)
-    return places[best].copy(), places[np.argmin(costs)].copy(), there, share, costs[best] + 0.5 * wide
-
-
-@njit(cache=True, nogil=True)
-@typing.no_type_check
-def _costs(places, informations, expected, uncertain, farthest, tails):
-    """Give the negative logarithm of each place's likelihood, and whether it is within reach; see `_best`."""
-    (n, D), own = places.shape, np.linalg.inv(uncertain)
-    costs, is_within = np.zeros(n), np.ones(n, np.bool_)
+    n, best, likely, contrary, costs = len(places), 0, 0, -1, np.empty(len(places))
     for i in range(n):
-        length2 = spread = distance = 0.0
-        for d in range(D):
-            for e in range(D):
-                p, q = places[i, d] - expected[d], places[i, e] - expected[e]
-                spread, distance = spread + p * uncertain[d, e] * q, distance + p * own[d, e] * q
-            length2 += (places[i, d] - expected[d]) ** 2
-        is_within[i] = i == 0 or length2 <= farthest * np.sqrt(length2) + 3.0 * np.sqrt(spread)
-        costs[i] = heavy_tails.cost(tails[1], 2 * D, distance)
-        for j in range(1, n):
-            costs[i] += heavy_tails.cost(tails[0], D, _apart(places, i, j, informations, D))
-    return costs, is_within
+        costs[i], is_within = _cost(places, i, informations, expected, uncertain, seconds, tails)
+        best = i if is_within and costs[i] < costs[best] else best
+        likely = i if costs[i] < costs[likely] else likely
+    least, a, b, c = costs[best] + UNLIKELY, 0.0, 0.0, 0.0
+    for i in range(1, n):
+        x, y = places[i, 0] - places[best, 0], places[i, 1] - places[best, 1]
+        if costs[i] < least and x * x + y * y > APART**2:
+            contrary, least = i, costs[i]
+        a, b, c = a + informations[i, 0, 0], b + informations[i, 0, 1], c + informations[i, 1, 1]
+    # how much wider than the comparisons' own the likelihood of what they tell is: nothing, where they tell nothing;
+    # |1 + U I| = 1 + tr U I + |U| |I|
+    p, q, r = uncertain[0, 0], uncertain[0, 1], uncertain[1, 1]
+    wide = np.log(1.0 + p * a + 2.0 * q * b + r * c + (p * r - q * q) * (a * c - b * b))
+    share = 0.0 if contrary < 0 else 1.0 / (1.0 + np.exp(least - costs[best]))
+    there = (places[contrary, 0], places[contrary, 1]) if contrary >= 0 else (np.nan, np.nan)
+    found = (places[best, 0], places[best, 1]), (places[likely, 0], places[likely, 1])
+    return found[0], found[1], there, share, costs[best] + 0.5 * wide
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def _apart(places, i, j, informations, D):
-    """Give how far place i is from place j, by the information of that: a squared distance."""
-    distance = 0.0
-    for d in range(D):
-        for e in range(D):
-            distance += (places[i, d] - places[j, d]) * informations[j, d, e] * (places[i, e] - places[j, e])
-    return distance
+def _cost(places, i, informations, expected, uncertain, seconds, tails):  # noqa: PLR0913
+    """Give the negative logarithm of a place's likelihood, and whether it is within reach; see `_best`."""
+    x, y = places[i, 0] - expected[0], places[i, 1] - expected[1]
+    p, q, r = uncertain[0, 0], uncertain[0, 1], uncertain[1, 1]
+    spread, length = p * x * x + 2.0 * q * x * y + r * y * y, np.sqrt(x * x + y * y)
+    is_within = i == 0 or length**2 <= HARDEST * seconds**2 * length + 3.0 * np.sqrt(spread)
+    cost = heavy_tails.cost(tails[1], 4, (r * x * x - 2.0 * q * x * y + p * y * y) / (p * r - q * q))
+    for j in range(1, len(places)):
+        x, y = places[i, 0] - places[j, 0], places[i, 1] - places[j, 1]
+        apart = informations[j, 0, 0] * x * x + 2.0 * informations[j, 0, 1] * x * y + informations[j, 1, 1] * y * y
+        cost += heavy_tails.cost(tails[0], 2, apart)
+    return cost, is_within
 
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
 def _silence(windows, k, first, frame):
     """Let what a look at object k told count for nothing; its comparisons begin with `first`."""
+    informations = windows.informations
     for c in range(first, first + windows.counts[k]):
         if windows.ends[c, 0] == frame or windows.ends[c, 1] == frame:
-            windows.informations[c] = 0.0
+            for d in range(2):
+                informations[c, d, 0] = informations[c, d, 1] = 0.0
