@@ -1,7 +1,7 @@
 """The estimator `fused`: each look at an object is compared with several earlier ones, and all of it weighed."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,7 +21,7 @@ from tracker.estimators.fused.steps import Steps
 from tracker.estimators.fused.track import Track, Tracks, straightened
 from tracker.estimators.fused.window import MotionModel, Rows
 from tracker.smoothing import FixedLag, RauchTungStriebel, Smoothing, WindowMean, in_hindsight
-from tracker.types import EstimateStatus, Hindsight, VelocityEstimate
+from tracker.types import VelocityEstimate
 
 Flags = Bool[np.ndarray, " m"]
 
@@ -170,7 +170,7 @@ class FusedEstimator(FrameEstimator):
             track.append(look, self.settings.motion.n_frames)
         self._known.look_back(at, looks, self.settings.refers_to_center)
         self._start_tracks(sightings, new)
-        return _measurements(list(known), self._steps(at, next(iter(sightings.values()))), told)
+        return steps.measurements(list(known), self._steps(at, next(iter(sightings.values()))), told)
 
     def _steps(self, at: Rows, any_one: Sighting) -> Steps:
         """Read all velocities; what stands is taken to stand, in the world, or to move as others that stand do."""
@@ -283,26 +283,3 @@ class FusedEstimator(FrameEstimator):
 
 def _rows(tracks: Iterable[Track]) -> Rows:
     return np.array([track.row for track in tracks], dtype=np.int64)
-
-
-def _measurements(keys: Sequence[int], found: Steps, measured: Set[int]) -> dict[int, Measurement]:
-    """Give each object's step to its latest look, and what is now known of those before.
-
-    Args:
-        keys: of the objects.
-        found: their steps.
-        measured: numbers of those of which anything was measured.
-    """
-    ends, measurements = found.ends.tolist(), {}
-    told = list(map(Hindsight, found.frames.tolist(), found.velocities, found.covariances))
-    for k, (key, begin, end) in enumerate(zip(keys, [0, *ends[:-1]], ends, strict=True)):
-        words = told[begin:end][::-1]
-        measurements[key] = Measurement(
-            position=found.centers[k],
-            velocity=words[0].velocity,
-            covariance=words[0].covariance,
-            yaw_rate=float(found.yaw_rates[k]),
-            status=EstimateStatus.CONVERGED if k in measured else EstimateStatus.NOT_CONVERGED,
-            hindsight=tuple(words[1:]),
-        )
-    return measurements

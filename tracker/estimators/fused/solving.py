@@ -3,13 +3,14 @@
 import numpy as np
 from jaxtyping import Int64
 
-from tracker.estimators.fused import heading, solving_kernels, window_kernels
+from tracker.estimators.fused import heading, solving_kernels
 from tracker.estimators.fused.heading import Heading, Turned
+from tracker.estimators.fused.problem import Axes
 from tracker.estimators.fused.window import Windows
 
 NEVER = 2**62  # number of no frame
 NOWHERE = Turned(first_kept=NEVER, first_open=NEVER, angles=np.zeros(1))
-STILL = window_kernels.Axes(
+STILL = Axes(
     times=np.zeros(1),
     angles=np.zeros(1),
     rates=np.zeros(1),
@@ -38,11 +39,11 @@ def solve(windows: Windows, at: Int64[np.ndarray, " k"], axes: Heading | None = 
         axes.settle(angles, rates, rate_variance)
 
 
-def _open(axes: Heading) -> window_kernels.Axes:
+def _open(axes: Heading) -> Axes:
     """Pack the axes that are still open."""
     first = axes.first
     kept = first - axes.first_kept
-    return window_kernels.Axes(
+    return Axes(
         times=np.array(axes.times[kept:]),
         angles=axes.angles[kept:],
         rates=np.array(axes.rates[kept:]),

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from tracker.estimators.fused import hypotheses, motion_kernels, row_kernels, window_kernels
+from tracker.estimators.fused.problem import Problem
 
 
 @njit(cache=True, nogil=True)
@@ -41,7 +42,7 @@ def solve(rows, at, turned, axes, densities, tails, claimed):
 @njit(inline="always")
 @typing.no_type_check
 def _taken(rows, told, turned):
-    """Lay windows one after the other, as `window_kernels.Problem`; by single numbers, which compiles fastest."""
+    """Lay windows one after the other, as `problem.Problem`; by single numbers, which compiles fastest."""
     frames, D, K = rows.frames, rows.frames.state.shape[3], len(told)
     sizes, counts, N, M = np.empty(K, np.int64), np.empty(K, np.int64), np.int64(0), np.int64(0)
     for k in range(K):
@@ -66,7 +67,7 @@ def _taken(rows, told, turned):
     for k in range(K):
         _explain(frames, rows.explained, told[k], vectors, squares, k)
         costs[k], is_sudden[k] = rows.explained.costs[told[k]], rows.explained.is_sudden[told[k]]
-    return window_kernels.Problem(
+    return Problem(
         sizes, counts, times, numbers, angles, state, shakes, vectors[0], squares[0], vectors[2], squares[2],
         vectors[3], vectors[4], vectors[1], squares[1], costs, is_sudden, ends, olders, newers, claimed, doubts,
     )  # fmt: skip

@@ -244,14 +244,9 @@ class Learned:
             own = [k for k, pair in enumerate(pairs) if all(look.learned.is_told_by(network) for look in pair)]
             if not own:
                 continue
-            clouds = [(pairs[k][0].learned.cloud, pairs[k][1].learned.cloud) for k in own]
-            found, is_doubtful = network.compare(clouds)
-            told = np.array(
-                [
-                    (*a.mean, *b.mean, (TURN_SAMPLING / min(a.n_points, b.n_points)) ** 2)
-                    for a, b in map(pairs.__getitem__, own)
-                ]
-            )
+            looks = [pairs[k] for k in own]
+            found, is_doubtful = network.compare([(a.learned.cloud, b.learned.cloud) for a, b in looks])
+            told = np.array([(*a.mean, *b.mean, (TURN_SAMPLING / min(a.n_points, b.n_points)) ** 2) for a, b in looks])
             evidence = steps, informations, turns, variances
             source_kernels.opinions(found.motions, found.covariance, is_doubtful, np.array(own), told, places, evidence)
         return Evidence(steps, informations, turns, variances, np.zeros(n, dtype=np.bool_))

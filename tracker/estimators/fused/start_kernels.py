@@ -55,7 +55,7 @@ def choose(x, windows, rotations, tails):
 
     Args:
         x: unknowns in steady axes, padded (K, 2 n D); changed.
-        windows: see `window_kernels.Problem`; what looks told that are off is changed to nothing.
+        windows: see `problem.Problem`; what looks told that are off is changed to nothing.
         rotations: from the axes of each frame to steady ones (N, D, D).
         tails: degrees of freedom of the errors of comparisons and of the motion.
     """

@@ -1,15 +1,18 @@
 """What is known of the velocities of a frame's objects, over the steps of their windows."""
 
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from tracker.ego_motion.sweep import LEAST_SHARE
+from tracker.estimators.contract import Measurement
 from tracker.estimators.fused import step_kernels
 from tracker.estimators.fused.row_kernels import SHORTEST_STEP
 from tracker.estimators.fused.sensor import SWEEP
 from tracker.estimators.fused.track import Tracks
+from tracker.types import EstimateStatus, Hindsight
 
 Vectors = Float64[np.ndarray, "n 2"]
 Squares = Float64[np.ndarray, "n 2 2"]
@@ -78,3 +81,26 @@ def read(known: Tracks, at: Int64[np.ndarray, " k"], share: float) -> Steps:
     sweeps = LEAST_SHARE, SWEEP.period, SHORTEST_STEP
     frames = places.rows.frames, turns.rows.frames
     return Steps(*step_kernels.read(*frames, known.looks, known.centers, at, motions, share, sweeps))
+
+
+def measurements(keys: Sequence[int], found: Steps, measured: Set[int]) -> dict[int, Measurement]:
+    """Give each object's step to its latest look, and what is now known of those before.
+
+    Args:
+        keys: of the objects.
+        found: their steps.
+        measured: numbers of those of which anything was measured.
+    """
+    ends, measurements = found.ends.tolist(), {}
+    told = list(map(Hindsight, found.frames.tolist(), found.velocities, found.covariances))
+    for k, (key, begin, end) in enumerate(zip(keys, [0, *ends[:-1]], ends, strict=True)):
+        words = told[begin:end][::-1]
+        measurements[key] = Measurement(
+            position=found.centers[k],
+            velocity=words[0].velocity,
+            covariance=words[0].covariance,
+            yaw_rate=float(found.yaw_rates[k]),
+            status=EstimateStatus.CONVERGED if k in measured else EstimateStatus.NOT_CONVERGED,
+            hindsight=tuple(words[1:]),
+        )
+    return measurements
