@@ -83,16 +83,6 @@ def transport_covariances(
     return found
 
 
-def inverses(matrices: Float64[np.ndarray, "*n 2 2"]) -> Float64[np.ndarray, "*n 2 2"]:
-    """Invert symmetric matrices of two rows; NumPy's own takes longer to call than to compute."""
-    a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
-    found = np.empty_like(matrices)
-    found[..., 0, 0], found[..., 1, 1], found[..., 0, 1] = c, a, -b
-    found[..., 1, 0] = found[..., 0, 1]
-    found /= (a * c - b * b)[..., None, None]
-    return found
-
-
 def motion_about(T_target_source: Float64[np.ndarray, "4 4"], center: Float64[np.ndarray, "3"]) -> Motion:
     """Read a planar 4x4 transform as (x, y, yaw) about a centre given in the source frame."""
     x, y = (T_target_source[:3, :3] @ center + T_target_source[:3, 3] - center)[:2]

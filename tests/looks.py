@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from tests.segments import segment
+from tracker.ego_motion.sweep import azimuth_times
 from tracker.estimators.contract import look
 from tracker.estimators.fused.look import looked_at
-from tracker.estimators.fused.sensor import Sensor
+from tracker.estimators.fused.sensor import SWEEP, Sensor
 from tracker.estimators.fused.sources import Laid, Learned
 from tracker.estimators.fused.steps import Steps
 
@@ -17,7 +18,13 @@ def kept(points, encoding, lags=None):
     sighting = look(replace(segment(points, 1), is_swept=lags is not None), None, undoes_sweep=True)
     sensor = Sensor(np.zeros(2), 0.0)
     (found,) = looked_at([sighting], sensor, [encoding], knows_lasers=False)
-    return replace(found, points=points, passed=None if lags is None else sensor.delays(points[:, :2], lags))
+    return replace(found, points=points, passed=None if lags is None else passed_at(sensor, points[:, :2], lags))
+
+
+def passed_at(sensor, places, lags=0.0):
+    """Give when the beams pass places, after the time of the frame; `lags` later than the sensor's head."""
+    x, y = (places - sensor.place).T
+    return azimuth_times(np.arctan2(y, x) - sensor.yaw - 2.0 * np.pi / SWEEP.period * lags, SWEEP)
 
 
 def encoded(cloud, class_name="Car"):

@@ -11,7 +11,7 @@ from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tests.windows import Window
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
-from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene
+from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene, source_kernels
 from tracker.estimators.fused.sources import Learned, Shape
 from tracker.types import EstimateStatus
 
@@ -254,3 +254,31 @@ def test_many_objects_at_once_give_what_each_gives_alone_in_the_world():
         both = together.step({7: s, 8: replace(t, track_id=8)}, s.timestamp, T)
         one = alone.step({7: s}, s.timestamp, T)
         np.testing.assert_allclose(both[7].velocity, one[7].velocity, atol=1e-3)
+
+
+def test_what_was_expected_is_no_evidence_and_what_nothing_else_told_of_is_not_measured():
+    """Against NumPy: informations less those expected, without directions that have next to none of it."""
+    rng, n, least = np.random.default_rng(0), 40, 0.3
+    roots, own = rng.normal(size=(2, n, 2, 2)), rng.uniform(0.2, 3.0, (n, 1, 1))
+    covariances = roots[0] @ roots[0].transpose(0, 2, 1) + 0.01 * np.eye(2)
+    priors = own * covariances + roots[1] @ roots[1].transpose(0, 2, 1)
+    is_told, is_expected = np.arange(n) % 5 > 0, np.arange(n) % 3 > 0
+    known = np.column_stack([covariances.reshape(n, 4)[:, [0, 1, 3]], np.ones(n)])
+    shifts, steps, turns = rng.normal(size=(n, 2)), rng.normal(size=(n, 2)), rng.uniform(-3.0, 3.0, n)
+    before, found = steps.copy(), np.full((n, 2, 2), np.nan)
+    expected, shares = (shifts, priors, turns.copy(), is_expected), (0.3, 0.1, 400.0, 3000.0, 0.6, least)
+    seen = np.full(n, 800)
+    source_kernels.weigh(known, expected, is_told, np.arange(n) % 2 > 0, seen, shares, (steps, turns, found))
+    n_partly = 0
+    for k in range(n):
+        left = np.linalg.inv(covariances[k])
+        smallest = least * np.trace(left)
+        if is_expected[k]:
+            values, axes = np.linalg.eigh(left - np.linalg.inv(priors[k]))
+            n_partly += is_told[k] and (values > smallest).sum() == 1
+            left = (axes * np.where(values > smallest, values, 0.0)) @ axes.T
+        share = 0.3 if k % 2 else 0.1 * 0.5**0.6
+        np.testing.assert_allclose(found[k], is_told[k] * left / share, rtol=1e-9, atol=1e-9)
+    assert n_partly > 3
+    np.testing.assert_allclose(steps, is_told[:, None] * (before + shifts))
+    np.testing.assert_allclose(np.cos(turns), np.cos(2.0 * expected[2]))

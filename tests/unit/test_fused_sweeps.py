@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from registration import se3
-from tests.looks import encoded, kept
+from tests.looks import encoded, kept, passed_at
 from tests.segments import car_cloud, segment
 from tests.windows import Window
 from tracker.ego_motion.sweep import point_times
 from tracker.estimators import create_estimator
-from tracker.estimators.fused import FusedEstimator, FusedSettings
+from tracker.estimators.fused import FusedEstimator, FusedSettings, track_kernels
 from tracker.estimators.fused.sensor import Sensor
 from tracker.estimators.fused.steps import read
 from tracker.types import Sweep
@@ -27,7 +27,7 @@ def test_what_an_object_moved_while_the_beams_passed_it_is_undone():
     assert np.abs(seen - cloud).max() > 0.05
     bent = kept(seen, encoded(seen), lags)
     assert bent.time == pytest.approx(0.1 + bent.delay)
-    cloud[:, :2] += (bent.delay - bent.sensor.delays(center[None])) * velocity
+    cloud[:, :2] += (bent.delay - passed_at(bent.sensor, center[None])) * velocity
     straight = bent.straightened(velocity)
     np.testing.assert_allclose(straight.points, cloud, atol=0.02)  # the bend moves the points' azimuths a little
     assert straight.straightened(velocity) is straight
@@ -140,11 +140,11 @@ def test_what_straddles_the_end_of_a_sweep_is_put_together_and_believed_less():
     cloud, center, velocity = car_cloud(400) + [-10.0, 0.0, 0.0], np.array([-10.0, 0.0]), np.array([-2.0, 0.0])
     sensor = Sensor(np.zeros(2), 0.0)
     seen = cloud.copy()
-    seen[:, :2] += (sensor.delays(cloud[:, :2]) - sensor.delays(center[None]))[:, None] * velocity
+    seen[:, :2] += (passed_at(sensor, cloud[:, :2]) - passed_at(sensor, center[None]))[:, None] * velocity
     assert np.abs(seen - cloud).max() == pytest.approx(0.2, abs=0.01)
     behind = kept(seen, encoded(seen), np.zeros(len(seen)))
     assert behind.is_torn
-    cloud[:, :2] += (behind.delay - sensor.delays(center[None])) * velocity
+    cloud[:, :2] += (behind.delay - passed_at(sensor, center[None])) * velocity
     np.testing.assert_allclose(behind.straightened(velocity).points, cloud, atol=0.01)
     assert not kept(-seen, encoded(-seen), np.zeros(len(seen))).is_torn
     sure = []
@@ -177,7 +177,8 @@ def test_places_tell_of_velocities_at_any_rate_of_frames():
         one = segment(car_cloud(60, seed=k) + [15.0 + 0.3 * k, 4.0, 0.0], k, dt=0.05)
         estimator.step({one.track_id: one}, one.timestamp, None)
     known, place = estimator._known, Window(estimator._known.places, estimator._tracks[7].row)
-    centers = known.centers_at(place.row)
+    state = place.frames.state, known.turns.rows.frames.state, known.centers
+    centers = [track_kernels.center_at(*state, place.row, j) for j in range(len(place))]
     found = read(known, place.at, 1.0).velocities
     np.testing.assert_allclose(found, np.diff(centers, axis=0) / 0.05, atol=1e-9)
     rates = 0.5 * (place.state[1:, 1] + place.state[:-1, 1])

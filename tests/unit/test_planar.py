@@ -90,5 +90,3 @@ def test_many_at_once_are_each_as_one_alone():
         for each, angle, arm in zip(covariances, angles, arms, strict=True)
     ]
     np.testing.assert_allclose(planar.transport_covariances(covariances, angles, arms), carried, atol=1e-9)
-    squares = covariances[:, :2, :2]
-    np.testing.assert_allclose(planar.inverses(squares) @ squares, np.tile(np.eye(2), (22, 1, 1)), atol=1e-8)

@@ -256,3 +256,10 @@ def test_settings_that_cannot_work_are_refused(settings):
 def _tilt(angle):
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def test_covariances_of_all_sizes_are_inverted():
+    rng = np.random.default_rng(0)
+    roots = rng.normal(size=(22, 3, 3)) * 10.0 ** rng.uniform(-4.0, 4.0, (22, 1, 1))
+    matrices = roots @ roots.transpose(0, 2, 1)
+    np.testing.assert_allclose(icp_kernels.inverses(matrices) @ matrices, np.tile(np.eye(3), (22, 1, 1)), atol=1e-8)

@@ -244,7 +244,7 @@ def test_objects_tell_together_how_their_axes_turn():
     old = (starts + 0.1 * (k - 1) * velocities) @ planar.rotation(angles[-2])
     for window, place, previous in zip(windows, before, old, strict=True):
         np.testing.assert_allclose(window.step()[0], (place - previous) / 0.1, atol=0.05)
-    assert axes.turn_since(axes.latest - 2) == pytest.approx(angles[-1] - angles[-3], abs=0.01)
+    assert axes.angles[-1] - axes.angles[-3] == pytest.approx(angles[-1] - angles[-3], abs=0.01)
 
 
 def test_axes_that_stop_turning_at_once_are_followed():

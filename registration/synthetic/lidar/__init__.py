@@ -18,7 +18,6 @@ from registration.synthetic.lidar.tables import (
 )
 
 __all__ = [
-    "Rings",
     "GROUND",
     "HDL_64E",
     "HDL_64E_KITTI",
@@ -30,6 +29,7 @@ __all__ = [
     "Jitter",
     "PlacedMesh",
     "Rays",
+    "Rings",
     "Sweep",
     "Turn",
     "beam_model",

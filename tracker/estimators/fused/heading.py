@@ -81,10 +81,6 @@ class Heading:
         """Give how the axes stand in all frames that are remembered."""
         return Turned(self.first_kept, self.first, self.angles)
 
-    def turn_since(self, number: int) -> float:
-        """Say by how much the axes turned from a frame to the latest [rad]."""
-        return float(self.angles[-1] - self.angles[max(number - self.first_kept, 0)])
-
     def advance(self, time: float) -> None:
         """Begin a frame, and expect the axes to have gone on turning as they did."""
         if not self.times:

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from registration import planar
-from tracker.estimators.fused import sensor_kernels
 from tracker.estimators.fused.window import Vector
 from tracker.types import Sweep
 
@@ -46,19 +45,6 @@ class Sensor:
     def carried(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Give the velocities that places would have if the sensor took them along [m/s]."""
         found: Float64[np.ndarray, "n 2"] = (places - self.place)[:, ::-1] * [-self.rate, self.rate] + self.velocity
-        return found
-
-    def delays(
-        self, places: Float64[np.ndarray, "n 2"], lags: Float64[np.ndarray, " n"] | float = 0.0
-    ) -> Float64[np.ndarray, " n"]:
-        """Give when its beams pass places, after the time of the frame [s]; sweeps end right behind it.
-
-        Args:
-            places: (n, 2) [m].
-            lags: how much later than the sensor's head each is passed (n) [s].
-        """
-        own = np.full(len(places), lags) if isinstance(lags, float) else lags
-        found: Float64[np.ndarray, " n"] = sensor_kernels.delays(places, own, self.numbers(), TURNS)
         return found
 
     def numbers(self) -> tuple[float, float, float, float, float, float]:

@@ -11,32 +11,16 @@ TURN = 2.0 * np.pi
 
 @njit(cache=True, nogil=True, error_model="numpy")
 @typing.no_type_check
-def delays(places, lags, sensor, sweep):
-    """Give when the beams pass places, after the time of the frame (n) [s].
-
-    Args:
-        places: (n, 2 or more) [m].
-        lags: how much later than the sensor's head each is passed (n) [s].
-        sensor: its place (x, y) [m] and yaw [rad], velocity (x, y) [m/s] and rate of turn [rad/s].
-        sweep: period [s], sense in which it turns (-1: clockwise), direction in which it ends [rad].
-    """
-    found = np.empty(len(places))
-    for i in range(len(places)):
-        found[i] = delay(places[i, 0], places[i, 1], lags[i], sensor, sweep)
-    return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-@typing.no_type_check
 def meet(points, begin, lags, middles, sensor, sweep):  # noqa: PLR0913
     """Put the points of K looks to where the beams met them, as the sensor moves on, in place.
 
     Args:
         points: of all looks (n, 3) [m].
         begin: those of look k are rows begin[k] to begin[k + 1], one at least.
-        lags: see `delays`; of points.
+        lags: how much later than the sensor's head each point is passed (n) [s].
         middles: of what was seen (K, 2) [m].
-        sensor, sweep: see `delays`.
+        sensor: its place (x, y) [m] and yaw [rad], velocity (x, y) [m/s] and rate of turn [rad/s].
+        sweep: period [s], sense in which it turns (-1: clockwise), direction in which it ends [rad].
 
     Returns:
         when the beams passed each point (n) [s], and the middles (K); how far points were moved (K, 2) [m]; and time
@@ -73,7 +57,7 @@ def straighten(points, passed, at, vx, vy):
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 @typing.no_type_check
 def delay(x, y, lag, sensor, sweep):
-    """Give when beams pass a place, after they pointed forward; see `delays`, and `ego_motion.sweep.azimuth_times`."""
+    """Give when beams pass a place, after they pointed forward [s]; as `ego_motion.sweep.azimuth_times`, see `meet`."""
     period, sense, cut = sweep
     azimuth = math.atan2(y - sensor[1], x - sensor[0]) - sensor[2] - TURN / period * lag
     since_cut, forward = (sense * (azimuth - cut) / TURN) % 1.0, (-sense * cut / TURN) % 1.0

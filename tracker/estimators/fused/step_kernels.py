@@ -53,7 +53,7 @@ def read(places, turns, looks, centers, at, motions, share, sweeps):
     turned, turns_known, _ = motion_kernels.steps(turns, at, tells, motions[2], motions[3])
     moved, known, shaken = motion_kernels.steps(places, at, tells, motions[0], motions[1])
     latest = _refer(places, turns, centers, at, seconds, moved, known, turned, turns_known)
-    covariances, doubts = _errors(places, looks, at, seconds, moved, known, shaken, share)
+    covariances, doubts = _errors(places, looks, at, seconds, fewest, moved, known, shaken, share)
     slips_ = slips(owners, lengths, fewest, seconds)
     return (owners, frames, numbers, lengths, latest[0], moved, covariances, doubts, slips_, by_clock, *latest[1:])
 
@@ -107,14 +107,13 @@ def _refer(places, turns, centers, at, seconds, moved, known, turned, turns_know
 
 @njit(inline="always")
 @typing.no_type_check
-def _errors(places, looks, at, seconds, velocities, known, shaken, share):
+def _errors(places, looks, at, seconds, fewest, velocities, known, shaken, share):
     """Give the covariances of velocities (N, 2, 2), and those of doubts about them."""
     covariances, doubts = np.empty((len(seconds), 2, 2)), np.empty((len(seconds), 2, 2))
     i = np.int64(0)  # not a literal; see window_kernels
     for r in at:
         for j in range(1, places.sizes[r]):
-            fewest = min(looks[r, j, N_POINTS], looks[r, j - 1, N_POINTS])
-            least, per_second2 = LEAST_SD**2 + (FEW_SD / fewest) ** 2, seconds[i] ** -2.0
+            least, per_second2 = LEAST_SD**2 + (FEW_SD / fewest[i]) ** 2, seconds[i] ** -2.0
             crosses = _crossed(looks[r, j - 1, PAST_END], looks[r, j, PAST_END])
             unknown = crosses * (velocities[i, 0] ** 2 + velocities[i, 1] ** 2)
             for d in range(2):

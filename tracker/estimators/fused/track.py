@@ -119,11 +119,6 @@ class Tracks:
         sensor = looks[0].sensor  # that of all looks of a frame
         track_kernels.note_met(*state, self.looks, at, shifts, sensor.numbers(), TURNS)
 
-    def centers_at(self, row: int) -> Vectors:
-        """Give an object's centre at each frame of its window [m]."""
-        sizes, *state = self._state()
-        return np.array([track_kernels.center_at(*state, row, j) for j in range(sizes[row])])
-
     def velocities_against(self, at: Rows, sensor: Sensor) -> Vectors:
         """Give how fast objects moved over their latest steps against a sensor [m/s]."""
         sizes, *state = self._state()

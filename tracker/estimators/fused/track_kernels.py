@@ -94,7 +94,7 @@ def note_met(sizes, places, turns, centers, looks, at, shifts, sensor, sweep):
         sizes, places, turns, centers, at: see `refer`.
         looks: see `look_numbers`; those of the latest looks are changed.
         shifts: that these have (K, 2) [m].
-        sensor, sweep: see `sensor_kernels.delays`.
+        sensor, sweep: see `sensor_kernels.meet`.
     """
     for k in range(len(at)):
         r, last = at[k], sizes[at[k]] - 1
@@ -115,7 +115,7 @@ def against(sizes, times, places, turns, centers, at, sensor):
 
     Args:
         sizes, times, places, turns, centers, at: see `refer`.
-        sensor: see `sensor_kernels.delays`.
+        sensor: see `sensor_kernels.meet`.
     """
     found = np.empty((len(at), 2))
     for k in range(len(at)):
