@@ -11,7 +11,7 @@ from tests.segments import car_cloud, moving_tracklet, segment, steps
 from tests.windows import Window
 from tracker.estimators import create_estimator, create_smoothing
 from tracker.estimators.contract import look
-from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene, source_kernels
+from tracker.estimators.fused import FusedEstimator, FusedSettings, claims, parked, scene, source_kernels, speed_kernels
 from tracker.estimators.fused.sources import Learned, Shape
 from tracker.types import EstimateStatus
 
@@ -167,8 +167,9 @@ def test_steps_over_a_frame_without_points_are_not_weighed():
 
 
 def test_a_mixture_is_as_unsure_as_its_parts_differ():
-    mixed = parked.mixed(seen([([10.0, 0.0], [2.0, 0.0], 0.1)], n=1), np.array([0.5]))
-    (velocity,), (covariance,) = mixed.velocities, mixed.covariances
+    own, share = seen([([10.0, 0.0], [2.0, 0.0], 0.1)], n=1), np.array([0.5])
+    steps_ = own.velocities, own.covariances, own.doubts
+    (velocity,), (covariance,), _ = speed_kernels.halted(own.owners, share, parked.STANDING_SD**2, *steps_)
     np.testing.assert_allclose(velocity, [1.0, 0.0])
     assert covariance[0, 0] > 1.0
     assert covariance[1, 1] < 0.01

@@ -7,7 +7,7 @@ import pytest
 
 from registration import planar
 from tests.windows import Window, solve
-from tracker.estimators.fused import heavy_tails, parked, speeds
+from tracker.estimators.fused import heavy_tails, parked, parked_kernels, speeds
 from tracker.estimators.fused.heading import Heading
 from tracker.estimators.fused.window import MotionModel
 
@@ -35,7 +35,8 @@ def window_of(velocity, n=6, wrong=None, lags_wrong=(1, 2), dt=0.1, tails=(4.0, 
 
 def standing_of(window):
     """Say how likely an object alone stands, of which 3000 points are seen."""
-    logs = parked.log_likelihoods(window.windows, window.at, np.array([3000.0**-2]))
+    variances, slips = parked.VARIANCES[:2], np.array([3000.0**-2])
+    logs = parked_kernels.log_likelihoods(window.frames, window.at, slips, parked.SPEEDS, *variances, parked.CHANGING)
     return speeds.of_class(speeds.learned(logs), logs)[0, 0]
 
 
