@@ -18,7 +18,7 @@ def kept(points, encoding, lags=None):
     sighting = look(replace(segment(points, 1), is_swept=lags is not None), None, undoes_sweep=True)
     sensor = Sensor(np.zeros(2), 0.0)
     (found,) = looked_at([sighting], sensor, [encoding], knows_lasers=False)
-    return replace(found, points=points, passed=None if lags is None else passed_at(sensor, points[:, :2], lags))
+    return found._replace(points=points, passed=None if lags is None else passed_at(sensor, points[:, :2], lags))
 
 
 def passed_at(sensor, places, lags=0.0):
@@ -57,6 +57,7 @@ def seen(objects, n=3):
     )
     return Steps(
         owners=np.repeat(np.arange(k), n),
+        ends=np.arange(n, k * n + 1, n),
         frames=frames,
         numbers=frames,
         lengths=np.ones(k * n, dtype=np.int64),

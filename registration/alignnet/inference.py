@@ -4,6 +4,7 @@ It says once more what `network.AlignNet` says, for arrays instead of tensors: o
 costs are most of the time.  Batch norm is folded away; wide layers are in bfloat16 where the CPU knows it.
 """
 
+import threading
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +23,7 @@ from registration.alignnet.layers import Head, NormalisedLinear, PointEncoder
 from registration.alignnet.network import AlignNet
 from registration.alignnet.packing import thinned
 from registration.alignnet.products import FoldedLinear
+from registration.neighbours import pack_arrays
 from registration.types import Points
 
 LIKE_SIZED = 64  # points: batches have some multiple of it
@@ -48,29 +50,53 @@ class Encoding(NamedTuple):
     embedding: Stored
 
 
+class Room(threading.local):
+    """What is multiplied, always in the same place, as NumPy and as torch know it; each thread has its own.
+
+    Telling one of an array of the other takes as long as filling it, for a few objects.
+
+    Args:
+        columns: of it.
+        dtype: float32 or bfloat16.
+        most: rows that are kept.
+    """
+
+    def __init__(self, columns: int, dtype: torch.dtype, most: int) -> None:
+        self._all = torch.zeros((most, columns), dtype=dtype)
+        self._parts: dict[int, tuple[Stored, Tensor]] = {}
+
+    def rows(self, n: int) -> tuple[Stored, Tensor]:
+        """Give the first n rows; what they hold is of earlier calls, or 0."""
+        if n > len(self._all):
+            part = torch.zeros((n, self._all.shape[1]), dtype=self._all.dtype)
+            return _numbers(part), part
+        if n not in self._parts:
+            part = self._all[:n]
+            self._parts[n] = _numbers(part), part
+        return self._parts[n]
+
+
 class Stage:
     """A `PointEncoder`, with the first layer in float32: bfloat16 knows 4 m to 2 cm only."""
 
     def __init__(self, encoder: PointEncoder, dtype: torch.dtype, branch: int = 0) -> None:
         first, *middle, last = encoder.normalised()
-        self.number = np.int16 if dtype is torch.bfloat16 else np.float32
         self.first = _arrays(FoldedLinear(first, torch.float32, branch, pack=False))
         self.middle = [FoldedLinear(layer, dtype, branch) for layer in middle]
         self.last = FoldedLinear(last, dtype, branch)
         self.bias = _arrays(FoldedLinear(last, torch.float32, branch, pack=False))[1]
+        self.room = Room(len(self.first[1]), dtype, LIKE_SIZED * MADE_BEFORE)
 
     def pooled(self, points: Points, begin: Begin, frames: Frames, context: Context, first: int) -> Stored:
         """Encode clouds in their axes; what they are told beside their points, from `first` on, comes behind that."""
-        rows = LIKE_SIZED * like_sized(-(-len(points) // LIKE_SIZED))
-        layer = np.empty((rows, len(self.first[1])), dtype=self.number)
+        layer, same = self.room.rows(LIKE_SIZED * like_sized(-(-len(points) // LIKE_SIZED)))
         inference_kernels.first_layer(points, begin, frames, *self.first, layer)
-        features = np.empty((len(frames), len(self.bias) + context.shape[1] - first), dtype=self.number)
-        inference_kernels.pool(self.product(layer), begin, self.bias, context, first, features)
+        features = np.empty((len(frames), len(self.bias) + context.shape[1] - first), dtype=layer.dtype)
+        inference_kernels.pool(self.product(same), begin, self.bias, context, first, features)
         return features
 
-    def product(self, first: Stored) -> Stored:
+    def product(self, layer: Tensor) -> Stored:
         """Give the features of points (n, d), before the last bias and activation, from those of the first layer."""
-        layer = _features(first)
         for folded in self.middle:
             layer = folded.forward(layer)  # (n, 128)
         return _numbers(self.last.product(layer))
@@ -114,9 +140,10 @@ class AnsweringPairs:
         )
         self.output = np.concatenate(weights, axis=1), np.concatenate(biases)
 
-    def hidden(self, numbers: Stored) -> Stored:
+        self.room = Room(head.normalised()[0].weight.shape[1], dtype, MADE_BEFORE)
+
+    def hidden(self, features: Tensor) -> Stored:
         """Give the features before the last layer."""
-        features = _features(numbers)
         for layer in self.layers:
             features = layer.forward(features)  # (m, 512), (m, 256)
         return _numbers(features)
@@ -141,17 +168,15 @@ class Inference:
         self.coarse_head = Answering(network.coarse_head, dtype, branch)
         self.fine_head = Answering(network.fine_head, dtype, branch)
         self.final_head = AnsweringPairs(network.final_head, dtype, *precision)
-        self._make_programs(network.final_head.normalised()[0].weight.shape[1])
+        self._make_programs()
 
-    @torch.inference_mode()
-    def _make_programs(self, d_pair: int) -> None:
+    def _make_programs(self) -> None:
         """Let oneDNN make its programs, in a tenth of a second, so that no frame waits for them; see `like_sized`."""
         for n in sorted({like_sized(n) for n in range(1, MADE_BEFORE + 1)}):
             for stage in (self.coarse, self.fine, self.embedding):
-                stage.product(np.zeros((LIKE_SIZED * n, len(stage.first[1])), dtype=stage.number))
-            self.final_head.hidden(np.zeros((n, d_pair), dtype=self.embedding.number))
+                stage.product(stage.room.rows(LIKE_SIZED * n)[1])
+            self.final_head.hidden(self.final_head.room.rows(n)[1])
 
-    @torch.inference_mode()
     def encode(
         self,
         clouds: Sequence[Points],
@@ -167,21 +192,19 @@ class Inference:
             sensors: where each was seen from (x, y), in the same axes [m].
             max_points: of a cloud that are looked at, evenly out of all.
         """
-        kept = [thinned(cloud, max_points) for cloud in clouds]
-        begin = np.cumsum([0, *map(len, kept)])
-        points = np.concatenate(kept)
-        frames, context = np.empty((len(kept), FRAME_NUMBERS)), np.empty((len(kept), CONTEXT_NUMBERS))
-        n_seen = np.array([len(cloud) for cloud in clouds])
+        points, begin = pack_arrays([thinned(cloud, max_points) for cloud in clouds])
+        frames, context = np.empty((len(clouds), FRAME_NUMBERS)), np.empty((len(clouds), CONTEXT_NUMBERS))
+        points, n_seen = np.ascontiguousarray(points), np.array([len(cloud) for cloud in clouds])
         inference_kernels.see(points, begin, sensors, n_seen, self.architecture.view_axes, frames, context)
         told, all_told = (2, 0) if self.architecture.sensor_context else (CONTEXT_NUMBERS, CONTEXT_NUMBERS)
         for stage, head in ((self.coarse, self.coarse_head), (self.fine, self.fine_head)):
             hidden = head.hidden(stage.pooled(points, begin, frames, context, told))  # heads know no direction
             inference_kernels.move(hidden, *head.output, self.architecture.translation_dims, frames, context)
         embeddings = self.embedding.pooled(points, begin, frames, context, all_told)
-        poses = np.column_stack([frames[:, :3] - origins, frames[:, 5]])
+        poses = frames[:, [0, 1, 2, 5]]
+        poses[:, :3] -= origins
         return list(map(Encoding, poses, embeddings))
 
-    @torch.inference_mode()
     def align(self, sources: Sequence[Encoding], targets: Sequence[Encoding], scale: float) -> Answers:
         """Compare m pairs of encodings, one at least; see `AlignNet.align`.
 
@@ -190,13 +213,13 @@ class Inference:
             scale: factor of the covariances, from held-out pairs.
         """
         m, a = len(sources), self.architecture
+        features, same = self.final_head.room.rows(like_sized(m))  # those beyond the last pair are of no one
         both = [each.embedding for pair in zip(sources, targets, strict=True) for each in pair]
-        nothing = [np.zeros_like(both[0])] * (2 * (like_sized(m) - m))
-        features = np.concatenate([*both, *nothing]).reshape(like_sized(m), -1)
+        np.concatenate(both, out=features[:m].reshape(-1))
         poses = np.array([each.pose for side in (sources, targets) for each in side]).reshape(2, m, -1)
         motions, covariances = np.empty((m, 7)), np.empty((m, 3, 3))
         inference_kernels.compare(
-            self.final_head.hidden(features)[:m],
+            self.final_head.hidden(same)[:m],
             *self.final_head.output,
             a.translation_dims,
             a.composition == "composed",
@@ -260,9 +283,3 @@ def _arrays(layer: FoldedLinear) -> tuple[Float32[np.ndarray, "d_in d_out"], Flo
 def _numbers(features: Tensor) -> Stored:
     """Give the array that a tensor is of: bits of bfloat16, which NumPy does not know, or float32."""
     return (features.view(torch.int16) if features.dtype is torch.bfloat16 else features).numpy()
-
-
-def _features(numbers: Stored) -> Tensor:
-    """Give the tensor that an array of `_numbers` is."""
-    features = torch.from_numpy(numbers)
-    return features.view(torch.bfloat16) if numbers.dtype == np.int16 else features

@@ -1,6 +1,7 @@
 """The fast path gives what the plain path gives, and keeps the plug-in contract."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
@@ -30,7 +31,12 @@ T_TRUE = se3.from_yaw(0.0, np.array([0.4, 0.1, 0.0]))
 
 
 def _as_float(numbers):
-    return inference._features(numbers).float().numpy()
+    return _features(numbers).float().numpy()
+
+
+def _features(numbers):
+    features = torch.from_numpy(numbers)
+    return features.view(torch.bfloat16) if numbers.dtype == np.int16 else features
 
 
 @pytest.fixture
@@ -119,9 +125,35 @@ def test_the_compiled_maximum_is_the_maximum(dtype):
 def test_a_layer_of_few_rows_is_the_layer(dtype):
     layer = learned.network().fine_head.normalised()[0]
     x = torch.randn(3, layer.weight.shape[1]).to(dtype)
-    found = inference._features(inference.Dense(layer, dtype).forward(inference._numbers(x))).float()
+    found = _features(inference.Dense(layer, dtype).forward(inference._numbers(x))).float()
     expected = FoldedLinear(layer, dtype).forward(x).float()
     torch.testing.assert_close(found, expected, rtol=0.01, atol=1e-2 if dtype is torch.bfloat16 else 1e-5)
+
+
+def test_a_room_is_the_same_again_but_where_it_is_too_small_or_another_threads():
+    room = inference.Room(2, torch.bfloat16, 4)
+    numbers, same = room.rows(3)
+    numbers[:] = inference._numbers(torch.full((3, 2), 1.5, dtype=torch.bfloat16))
+    assert torch.equal(same, torch.full((3, 2), 1.5, dtype=torch.bfloat16))
+    assert room.rows(3)[1] is same
+    assert room.rows(2)[1].data_ptr() == same.data_ptr()
+    (larger, as_tensor), (again, _) = room.rows(5), room.rows(5)
+    larger[:] = inference._numbers(torch.ones((5, 2), dtype=torch.bfloat16))
+    assert as_tensor.sum() == 10.0
+    assert not again.any()
+    with ThreadPoolExecutor(1) as pool:
+        assert not pool.submit(lambda: room.rows(3)[0].any()).result()
+
+
+def test_threads_that_share_a_network_do_not_disturb_each_other(make):
+    method = make()
+    clouds = [car_cloud(n, seed=n) + [9.0, 0.1 * n, -1.0] for n in range(20, 60)]
+    alone = [method.prepare_cloud(cloud).encodings[0] for cloud in clouds]
+    with ThreadPoolExecutor(4) as pool:
+        together = [found.encodings[0] for found in pool.map(method.prepare_cloud, clouds)]
+    for own, found in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(own.pose, found.pose)
+        np.testing.assert_array_equal(own.embedding, found.embedding)
 
 
 def test_batches_have_few_numbers_of_rows():

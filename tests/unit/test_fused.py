@@ -49,7 +49,7 @@ def test_dense_clouds_tell_more_but_not_without_end():
     look_of_all, place = kept(cloud, encoded(cloud)), cloud.mean(axis=0)[:2]
     told = []
     for n in (300, 1000, 3000, 30000):
-        look_of_n = replace(look_of_all, n_points=n)
+        look_of_n = look_of_all._replace(n_points=n)
         found = Shape().compare(laid_on(look_of_n, look_of_n, place, [0.0, 0.0], 0.1, 0.02), [look_of_n])
         told.append(np.linalg.eigvalsh(found.informations[0]).min())
     assert told[0] < 0.7 * told[1] < 0.49 * told[2]
@@ -161,7 +161,7 @@ def test_an_object_alone_stays_nearly_as_it_is_and_two_that_differ_nearly_so():
 def test_steps_over_a_frame_without_points_are_not_weighed():
     both = seen([([10.0, 0.0], [3.0, 1.0], 0.2), ([12.0, 1.0], [3.1, 1.0], 0.2)], n=4)
     numbers, lengths = np.array([0, 1, 3, 4, *both.numbers[4:]]), np.array([1, 1, 2, 1, *both.lengths[4:]])
-    settled, _ = scene.settle(replace(both, numbers=numbers, lengths=lengths), scene.UNKNOWN)
+    settled, _ = scene.settle(both._replace(numbers=numbers, lengths=lengths), scene.UNKNOWN)
     np.testing.assert_array_equal(settled.velocities[2], both.velocities[2])
     assert settled.velocities[3, 0] > both.velocities[3, 0]
 

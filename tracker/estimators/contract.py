@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -60,8 +60,7 @@ class Estimator(Protocol):
         """Smooth what `step` gave for one tracklet, without looking at the points again."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
+class Sighting(NamedTuple):
     """A segment as an estimator looks at it: points in the frame of its velocities, z above the ground.
 
     Attributes:

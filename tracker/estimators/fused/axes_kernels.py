@@ -75,14 +75,17 @@ def turn(own, rotations, j, D, information):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def in_own_axes(x, H, levers, common, windows, angles, D):
-    """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H."""
+def in_own_axes(x, H, is_inverse, levers, common, windows, angles, D):  # noqa: PLR0913
+    """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H,
+    which may be its inverse already."""
     state, rotations = np.zeros(windows.state.shape), to_steady(windows, angles, D)
     sizes, numbers, frame = windows.sizes, windows.axes, 0
     for k in range(len(sizes)):
         n = sizes[k]
         m, last = 2 * D * n, frame + n
-        unknowns, lever, own = x[k, :m].copy().reshape(m, 1), levers[k, :m].copy(), np.linalg.inv(H[k, :m, :m].copy())
+        unknowns, lever, own = x[k, :m].copy().reshape(m, 1), levers[k, :m].copy(), H[k, :m, :m]
+        if not is_inverse:
+            own[:] = np.linalg.inv(own)
         turns = rotations[frame:last]
         _turn_back(unknowns, turns, D)
         _turn_back(lever, turns, D)
@@ -94,7 +97,8 @@ def in_own_axes(x, H, levers, common, windows, angles, D):
                 at = 2 * D * (f - frame)
                 lever[at, numbers[f]] += state[f, 0, 1]
                 lever[at + 1, numbers[f]] -= state[f, 0, 0]
-        H[k, :m, :m] = own + lever @ common @ lever.T
+        if len(common):
+            own += lever @ common @ lever.T
         frame = last
     return state
 
@@ -107,6 +111,8 @@ def _turn_back(rows, rotations, D):
         return
     for i in range(len(rows) // 2):
         c, s = rotations[i // 2, 0, 0], rotations[i // 2, 1, 0]
+        if s == 0.0 and c == 1.0:
+            continue
         for e in range(rows.shape[1]):
             along, across = rows[2 * i, e], rows[2 * i + 1, e]
             rows[2 * i, e], rows[2 * i + 1, e] = c * along + s * across, c * across - s * along

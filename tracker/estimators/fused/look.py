@@ -1,7 +1,7 @@
 """What is kept of one look at an object."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -45,8 +45,7 @@ class Encoding:
         return None if center is None else center[:2]
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
+class Look(NamedTuple):
     """What is kept of one look at an object.
 
     Attributes:
@@ -98,7 +97,7 @@ class Look:
         points = self.points.copy()
         points[:, :2] += shift - self.shift
         mean = _mean(self.learned, shift)
-        return replace(self, points=points, sensor=sensor, shift=shift, mean=mean)
+        return self._replace(points=points, sensor=sensor, shift=shift, mean=mean)
 
     def straightened(self, velocity: Vector) -> "Look":
         """Undo what the object moved while the beams passed it, up to a decimetre at its ends when it is close.
@@ -111,7 +110,7 @@ class Look:
         if self.passed is None:
             return self
         points = sensor_kernels.straighten(self.points, self.passed, self.delay, *velocity.tolist())
-        return replace(self, points=points, passed=None)
+        return self._replace(points=points, passed=None)
 
 
 def looked_at(

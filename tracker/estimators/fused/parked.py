@@ -1,7 +1,5 @@
 """What stands in the world: the one motion that is common, exact, and worth a hypothesis of its own."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from tracker.estimators.fused import parked_kernels, speeds
@@ -35,4 +33,4 @@ def settle(windows: Windows, at: Rows, steps: Steps) -> Steps:
         CHANGING,
         (speeds.FLOW_SHARE, speeds.FLOW_SD**2, speeds.MOST_GAIN),
     )
-    return replace(steps, velocities=velocities, covariances=covariances, doubts=doubts)
+    return steps._replace(velocities=velocities, covariances=covariances, doubts=doubts)

@@ -1,6 +1,5 @@
 """How fast objects are before one is measured: as most are, as those are that are in sight, and as one of these is."""
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +50,7 @@ class Velocities(NamedTuple):
         """Give the objects' steps these velocities, where they have a place among them."""
         velocities, covariances = steps.velocities.copy(), steps.covariances.copy()
         speed_kernels.apart(*_slots(steps), self.means, self.covariances, velocities, covariances)
-        return replace(steps, velocities=velocities, covariances=covariances)
+        return steps._replace(velocities=velocities, covariances=covariances)
 
 
 def together(steps: Steps) -> tuple[Velocities, Float64[np.ndarray, "k n 2"]]:

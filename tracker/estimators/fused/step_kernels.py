@@ -39,6 +39,7 @@ def read(places, turns, looks, centers, at, motions, share, sweeps):
     for r in at:
         N += places.sizes[r] - 1
     owners, frames, numbers, lengths = _four(N)
+    ends = np.empty(len(at), np.int64)
     seconds, fewest, tells, by_clock = np.empty(N), np.empty(N), np.empty(N, np.bool_), np.empty(N)
     i = 0
     for k in range(len(at)):
@@ -50,12 +51,26 @@ def read(places, turns, looks, centers, at, motions, share, sweeps):
             between = looks[r, j, TIME] - looks[r, j, DELAY] - (looks[r, j - 1, TIME] - looks[r, j - 1, DELAY])
             tells[i], by_clock[i] = seconds[i] > sweeps[0] * between, _by_clock(looks, r, j, sweeps)
             i += 1
+        ends[k] = i
     turned, turns_known, _ = motion_kernels.steps(turns, at, tells, motions[2], motions[3])
     moved, known, shaken = motion_kernels.steps(places, at, tells, motions[0], motions[1])
     latest = _refer(places, turns, centers, at, seconds, moved, known, turned, turns_known)
     covariances, doubts = _errors(places, looks, at, seconds, fewest, moved, known, shaken, share)
     slips_ = slips(owners, lengths, fewest, seconds)
-    return (owners, frames, numbers, lengths, latest[0], moved, covariances, doubts, slips_, by_clock, *latest[1:])
+    return (
+        owners,
+        ends,
+        frames,
+        numbers,
+        lengths,
+        latest[0],
+        moved,
+        covariances,
+        doubts,
+        slips_,
+        by_clock,
+        *latest[1:],
+    )
 
 
 @njit(cache=True, nogil=True)

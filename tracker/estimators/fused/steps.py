@@ -1,7 +1,7 @@
 """What is known of the velocities of a frame's objects, over the steps of their windows."""
 
 from collections.abc import Sequence, Set
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -20,12 +20,12 @@ Numbers = Float64[np.ndarray, " n"]
 Indices = Int64[np.ndarray, " n"]
 
 
-@dataclass(frozen=True)
-class Steps:
+class Steps(NamedTuple):
     """The velocities of the centres of K objects over the steps of their windows, N in all, one object after the other.
 
     Attributes:
         owners: which object each step is of (N), ascending; each has one at least, the latest last.
+        ends: where each object's steps end (K): the number of the first one of the next.
         frames: number of the frame that each step leads to, in its sequence.
         numbers: the same among the frames that the estimator was shown.
         lengths: how many of these each step takes; more than one where nothing was seen of the object in between.
@@ -41,6 +41,7 @@ class Steps:
     """
 
     owners: Indices
+    ends: Int64[np.ndarray, " k"]
     frames: Indices
     numbers: Indices
     lengths: Indices
@@ -53,16 +54,11 @@ class Steps:
     centers: Float64[np.ndarray, "k 2"]
     yaw_rates: Float64[np.ndarray, " k"]
 
-    @property
-    def ends(self) -> Int64[np.ndarray, " k"]:
-        """Give where each object's steps end: the number of the first one of the next."""
-        return np.searchsorted(self.owners, np.arange(1, len(self.centers) + 1))
-
     def told(self) -> "Steps":
         """Give velocities by the clock, and add the doubts to their covariances."""
         factors = self.by_clock[:, None]
         covariances = factors[:, None] ** 2 * (self.covariances + self.doubts)
-        return replace(self, velocities=factors * self.velocities, covariances=covariances)
+        return self._replace(velocities=factors * self.velocities, covariances=covariances)
 
 
 def read(known: Tracks, at: Int64[np.ndarray, " k"], share: float) -> Steps:

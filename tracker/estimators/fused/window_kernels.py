@@ -59,7 +59,8 @@ def solve(windows, axes, densities, tails, claimed):
         chosen = start_kernels.choose(x, windows, axes_kernels.to_steady(windows, angles, D), tails)
     else:  # turns are told well enough, and slow
         chosen = start_kernels.nothing(K, D)
-    H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, G))
+    n_open = G if D > 1 and windows.axes.max() >= 0 else 0  # axes that any object tells of
+    H, b, L = np.zeros((K, width, width)), np.zeros((K, width)), np.zeros((K, width, n_open))
     x_alone, levers = b.copy(), L.copy()
     common, scales = np.zeros((2 * G, 2 * G)), np.ones(K)
     iteration = n_short = 0
@@ -77,13 +78,8 @@ def solve(windows, axes, densities, tails, claimed):
                 times = windows.times[frame : frame + windows.sizes[k]]
                 _add_changes(H[k], x[k], times, densities[1], scales[k], D)
             scales[k] = claims.scale(claimed, misfit, n_told)
-            right = np.empty((m, G + 1))
-            right[:, 0], right[:, 1:] = b[k, :m], L[k, :m]
-            found = np.linalg.solve(H[k, :m, :m], right)
-            x_alone[k, :m], levers[k, :m] = found[:, 0], -found[:, 1:]
-            reduced = L[k, :m].T @ found
-            A[:G, :G] -= reduced[:, 1:]
-            a[:G] -= reduced[:, 0]
+            is_last = iteration + 1 == MOST_ITERATIONS and n_open == 0
+            _eliminate(H[k, :m, :m], b[k], L[k], A, a, x_alone[k], levers[k], is_last)
             frame, comparison = frame + windows.sizes[k], comparison + windows.counts[k]
         common = np.linalg.inv(A)
         # the last step leaves the axes where they are: places and axes must fit each other
@@ -96,13 +92,38 @@ def solve(windows, axes, densities, tails, claimed):
         angles, rates = angles + step[:G], rates + step[G:]
         change = 0.0  # the first iteration takes claims as they are
         for k in range(K):
-            found = x_alone[k] + levers[k] @ step[:G]
+            found = x_alone[k] + levers[k] @ step[:n_open]
             change = max(change, np.abs(found - x[k]).max())
             x[k] = found
         if iteration > 1 and change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
             break
-    state = axes_kernels.in_own_axes(x, H, levers, common[:G, :G].copy(), windows, angles, D)
+    is_inverse = iteration == MOST_ITERATIONS and n_open == 0
+    state = axes_kernels.in_own_axes(x, H, is_inverse, levers, common[:n_open, :n_open].copy(), windows, angles, D)
     return state, H, angles, rates, common[2 * G - 1, 2 * G - 1], chosen
+
+
+@njit(inline="always")
+@typing.no_type_check
+def _eliminate(H, b, L, A, a, x, levers, is_last):
+    """Solve an object's own system, and leave to that of the axes what it tells of these.
+
+    x becomes the unknowns if the axes stay where they are, `levers` how these go with the axes' angles.  At last, where
+    there are no such axes, H becomes its inverse: that is wanted anyway, and good enough to solve by, but not to tell
+    what little all objects leave open of the axes.
+    """
+    m, n_open = len(H), L.shape[1]
+    if is_last:
+        inverse = np.linalg.inv(H)
+        H[:], x[:m] = inverse, inverse @ b[:m]
+        return
+    right = np.empty((m, n_open + 1))
+    right[:, 0], right[:, 1:] = b[:m], L[:m]
+    right[:] = np.linalg.solve(H, right)
+    x[:m], levers[:m] = right[:, 0], -right[:, 1:]
+    if n_open:
+        reduced = L[:m].T @ right
+        A[:n_open, :n_open] -= reduced[:, 1:]
+        a[:n_open] -= reduced[:, 0]
 
 
 @njit(cache=True, nogil=True)
