@@ -139,7 +139,6 @@ class AnsweringPairs:
             *(_arrays(FoldedLinear(each, torch.float32, pack=False)) for each in (head.output, *beside)), strict=True
         )
         self.output = np.concatenate(weights, axis=1), np.concatenate(biases)
-
         self.room = Room(head.normalised()[0].weight.shape[1], dtype, MADE_BEFORE)
 
     def hidden(self, features: Tensor) -> Stored:
