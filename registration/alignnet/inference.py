@@ -62,12 +62,12 @@ class Room(threading.local):
     """
 
     def __init__(self, columns: int, dtype: torch.dtype, most: int) -> None:
-        self._all = torch.zeros((most, columns), dtype=dtype)
+        self._all, self._most = torch.zeros((most, columns), dtype=dtype), most
         self._parts: dict[int, tuple[Stored, Tensor]] = {}
 
     def rows(self, n: int) -> tuple[Stored, Tensor]:
         """Give the first n rows; what they hold is of earlier calls, or 0."""
-        if n > len(self._all):
+        if n > self._most:
             part = torch.zeros((n, self._all.shape[1]), dtype=self._all.dtype)
             return _numbers(part), part
         if n not in self._parts:
