@@ -33,6 +33,7 @@ TURN_SHARE, SHAPE_SHARE, SEARCHED_SHARE = 0.06, 0.12, 0.3
 DENSER, DENSEST = 0.6, 3000
 FEW_POINTS = 25  # clouds with fewer are searched for around, ...
 SURE = 0.6  # ... and those that are expected with a larger standard deviation [m]: planes find what is near only
+LEAST_DOUBT = ROUNDING * np.eye(3)  # so that covariances have inverses
 LEAST = 1e-3  # a direction with less than this share of the information counts as not measured
 # as `source_kernels.weigh` takes them
 SHARES = SEARCHED_SHARE, SHAPE_SHARE, float(SHAPE_POINTS), float(DENSEST), DENSER, LEAST
@@ -205,7 +206,7 @@ def _refined(
     starting = sources.centroids[:, :2]
     between = surfaces.centroids[own, :2] - starting
     starts[:, :2] -= between
-    doubts = covariances + ROUNDING * np.eye(3)
+    doubts = covariances + LEAST_DOUBT
     found = planes.iterate(sources.points, sources.begin, planes.surfaces(surfaces), own, starts, doubts)
     arms, is_found = laid.places + laid.shifts - starting, found.is_found
     source_kernels.laid(found.motions, found.covariances(found.beliefs), is_found, arms, between, *moved)
