@@ -75,17 +75,15 @@ def turn(own, rotations, j, D, information):
 
 @njit(cache=True, nogil=True)
 @typing.no_type_check
-def in_own_axes(x, H, is_inverse, levers, common, windows, angles, D):  # noqa: PLR0913
-    """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H,
-    which may be its inverse already."""
+def in_own_axes(x, H, levers, common, windows, angles, D):
+    """Turn unknowns back to the axes of their frames; put their covariances, with what the axes add, in place of H."""
     state, rotations = np.zeros(windows.state.shape), to_steady(windows, angles, D)
     sizes, numbers, frame = windows.sizes, windows.axes, 0
     for k in range(len(sizes)):
         n = sizes[k]
         m, last = 2 * D * n, frame + n
         unknowns, lever, own = x[k, :m].copy().reshape(m, 1), levers[k, :m].copy(), H[k, :m, :m]
-        if not is_inverse:
-            own[:] = np.linalg.inv(own)
+        own[:] = np.linalg.inv(own)
         turns = rotations[frame:last]
         _turn_back(unknowns, turns, D)
         _turn_back(lever, turns, D)

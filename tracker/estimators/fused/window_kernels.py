@@ -78,8 +78,7 @@ def solve(windows, axes, densities, tails, claimed):
                 times = windows.times[frame : frame + windows.sizes[k]]
                 _add_changes(H[k], x[k], times, densities[1], scales[k], D)
             scales[k] = claims.scale(claimed, misfit, n_told)
-            is_last = iteration + 1 == MOST_ITERATIONS and n_open == 0
-            _eliminate(H[k, :m, :m], b[k], L[k], A, a, x_alone[k], levers[k], is_last)
+            _eliminate(H[k, :m, :m], b[k], L[k], A, a, x_alone[k], levers[k])
             frame, comparison = frame + windows.sizes[k], comparison + windows.counts[k]
         common = np.linalg.inv(A)
         # the last step leaves the axes where they are: places and axes must fit each other
@@ -97,25 +96,18 @@ def solve(windows, axes, densities, tails, claimed):
             x[k] = found
         if iteration > 1 and change < SETTLED and np.abs(step[:G]).max() < TURN_SETTLED:
             break
-    is_inverse = iteration == MOST_ITERATIONS and n_open == 0
-    state = axes_kernels.in_own_axes(x, H, is_inverse, levers, common[:n_open, :n_open].copy(), windows, angles, D)
+    state = axes_kernels.in_own_axes(x, H, levers, common[:n_open, :n_open].copy(), windows, angles, D)
     return state, H, angles, rates, common[2 * G - 1, 2 * G - 1], chosen
 
 
 @njit(inline="always")
 @typing.no_type_check
-def _eliminate(H, b, L, A, a, x, levers, is_last):
+def _eliminate(H, b, L, A, a, x, levers):
     """Solve an object's own system, and leave to that of the axes what it tells of these.
 
-    x becomes the unknowns if the axes stay where they are, `levers` how these go with the axes' angles.  At last, where
-    there are no such axes, H becomes its inverse: that is wanted anyway, and good enough to solve by, but not to tell
-    what little all objects leave open of the axes.
+    x becomes the unknowns if the axes stay where they are, `levers` how these go with the axes' angles.
     """
     m, n_open = len(H), L.shape[1]
-    if is_last:
-        inverse = np.linalg.inv(H)
-        H[:], x[:m] = inverse, inverse @ b[:m]
-        return
     right = np.empty((m, n_open + 1))
     right[:, 0], right[:, 1:] = b[:m], L[:m]
     right[:] = np.linalg.solve(H, right)
